@@ -60,6 +60,31 @@ def test_contacts_are_the_same_if_the_camera_pans():
     assert not contacts[:, 1].any()
 
 
+def with_landmarks(view, places):
+    """Return a view with the world landmarks of a detector that knows the joints at places (J, 3), m."""
+    middle = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
+    return replace(view, world_landmarks=places[view.joints] @ view.camera.viewing_axes(middle).T)
+
+
+@pytest.mark.parametrize("n_cameras", [1, 2])
+@pytest.mark.parametrize(
+    ("raised_m", "n_raised", "is_raised"), [(0.14, 15, 0), (0.16, 15, 1), (0.16, 7, 0), (-0.16, 15, 0)]
+)
+def test_a_foot_at_rest_that_is_raised_above_the_other_is_not_in_contact(n_cameras, raised_m, n_raised, is_raised):
+    """It is raised if it is in most frames of the contact, as landmarks are wrong in some."""
+    times, poses = np.arange(15) / RATE_HZ, np.tile(leg_swing(1)[1], (15, 1))
+    places = joints(SKELETON, poses)
+    places[:, RIGHT, 2] = places[:, LEFT, 2] + np.where(np.arange(15) < n_raised, raised_m, 0.0)
+    seen = observed(SKELETON, frames(SKELETON, times, poses, CAMERAS[:n_cameras]))
+    assert detect_foot_contacts(SKELETON, seen, times).all()
+    seen = [
+        replace(frame, keypoints=tuple(with_landmarks(view, places[t]) for view in frame.keypoints))
+        for t, frame in enumerate(seen)
+    ]
+    contacts = detect_foot_contacts(SKELETON, seen, times)
+    assert contacts.tolist() == [[raised_m > -0.15, not is_raised]] * 15
+
+
 def test_a_contact_ends_where_frames_are_missing():
     times, poses = leg_swing(20)
     times = np.where(np.arange(20) < 12, times, times + 1.0)

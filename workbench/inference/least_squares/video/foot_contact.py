@@ -1,5 +1,5 @@
-"""Foot contacts detected in the images: an ankle at rest in the image keeps its position, and all of them are on one
-floor.
+"""Foot contacts detected in the images: an ankle at rest in the image, which is not raised above the other one, keeps
+its position, and all of them are on one floor.
 
 One camera determines a person's distance by their size in the image, frame by frame. A foot contact couples the frames,
 and all contacts determine the height of the floor.
@@ -12,7 +12,9 @@ import numpy as np
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints, Observed, person_px
+from workbench.inference.least_squares.video.landmark_depths import landmark_places
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.nan_statistics import nan_median
 
 ANKLES = ("left_ankle", "right_ankle")
 MAX_CONTACT_SPEED = 0.15
@@ -24,6 +26,9 @@ MIN_VISIBLE_FRAMES = 3
 """Smallest number of frames in that time which show the ankle."""
 MIN_CONTACT_S = 0.25
 """Shortest contact; a foot at rest for less time is reversing in the air."""
+MAX_RAISED_M = 0.15
+"""Median height, by a detector's world landmarks, of an ankle in contact above the other one. It is below 0.1 m of the
+standing foot of walks and squats, and above 0.15 m of a foot that is held in the air."""
 DRIFT_M = 0.013
 """Displacement of the ankle of a foot in contact along each axis in one second, proportional to √time: rms over 17
 activities in the CMU and Bandai recordings, over 0.07 to 0.5 s."""
@@ -36,6 +41,7 @@ def detect_foot_contacts(skeleton: Skeleton, observations: Sequence[Observed], t
     them; none without keypoints or without these joints in the skeleton."""
     shape = (len(observations), len(ANKLES))
     foot_contacts, visible = np.ones(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    raised_m = np.empty((0, *shape))
     for name in dict.fromkeys(view.camera.name for frame in observations for view in frame.keypoints):
         views = [next((view for view in frame.keypoints if view.camera.name == name), None) for frame in observations]
         seen = [view for view in views if view is not None]
@@ -44,8 +50,10 @@ def detect_foot_contacts(skeleton: Skeleton, observations: Sequence[Observed], t
             speeds = image_speeds(_joint_track(views, skeleton, joint, turns), times_s) / height_px
             visible[:, k] |= np.isfinite(speeds)
             foot_contacts[:, k] &= ~(speeds > MAX_CONTACT_SPEED)
+        raised_m = np.concatenate([raised_m, _raised_m(skeleton, views)[None]])
     foot_contacts &= visible
-    return np.stack([_remove_short(contacts, times_s) for contacts in foot_contacts.T], axis=1)
+    heights_m = nan_median(raised_m, axis=0)
+    return np.column_stack([_lasting(foot_contacts[:, k], heights_m[:, k], times_s) for k in range(len(ANKLES))])
 
 
 def image_speeds(positions: FloatArray, times_s: FloatArray) -> FloatArray:
@@ -74,13 +82,25 @@ def median_foot_height(skeleton: Skeleton, poses: FloatArray, foot_contacts: Boo
     return float(np.median(positions[foot_contacts]))
 
 
-def _remove_short(contacts: BoolArray, times_s: FloatArray) -> BoolArray:
-    """Return contacts (T,) without the intervals shorter than MIN_CONTACT_S."""
+def _raised_m(skeleton: Skeleton, views: Sequence[Keypoints | None]) -> FloatArray:
+    """Return the height (T, 2), m, of each ankle above the other one by the world landmarks of one camera's views; NaN
+    without."""
+    raised_m = np.full((len(views), len(ANKLES)), np.nan)
+    for t, view in enumerate(views):
+        if view is not None and view.world_landmarks is not None and set(ANKLES) <= set(skeleton.names):
+            left_m, right_m = landmark_places(skeleton, view)[[skeleton.joint(name) for name in ANKLES], 2]
+            raised_m[t] = left_m - right_m, right_m - left_m
+    return raised_m
+
+
+def _lasting(contacts: BoolArray, raised_m: FloatArray, times_s: FloatArray) -> BoolArray:
+    """Return contacts (T,) without the intervals that are shorter than MIN_CONTACT_S, or of a raised foot."""
     lasting = contacts.copy()
     for frames in np.split(np.arange(len(contacts)), np.flatnonzero(np.diff(times_s) > MAX_PAIR_S) + 1):
         edges = np.flatnonzero(np.diff(contacts[frames], prepend=False, append=False)) + frames[0]
         for first, end in edges.reshape(-1, 2):
-            lasting[first:end] = times_s[end - 1] - times_s[first] >= MIN_CONTACT_S
+            is_raised = nan_median(raised_m[first:end]) > MAX_RAISED_M
+            lasting[first:end] = times_s[end - 1] - times_s[first] >= MIN_CONTACT_S and not is_raised
     return lasting
 
 

@@ -1,4 +1,5 @@
-"""Smallest depths of bones by a detector's world landmarks, which resolve the ambiguity of a single camera.
+"""World landmarks of a detector, and the smallest depths of bones by these, which resolve the ambiguity of a single
+camera.
 
 A bone that points towards the camera has the same image as one that points away. World landmarks select between them:
 their sign is right in 80 to 93 % of the limbs over 8 cm in depth. Their magnitude is too small by 20 to 50 % in all
@@ -98,3 +99,14 @@ def _rows(view: Keypoints, lengths: dict[tuple[int, int], float], sigma_m: float
             depth_m = length * float(bone[2]) / size if size > 0.0 else 0.0
             if abs(depth_m) > MIN_DEPTH_M:
                 yield a, b, np.sign(depth_m) * direction, np.sqrt(weight) / sigma_m, abs(depth_m)
+
+
+def landmark_places(skeleton: Skeleton, view: Keypoints, mirrored: bool = False) -> FloatArray:
+    """Return the world landmarks (J, 3) of a view that has some, along the world's axes, NaN for joints without;
+    mirrored: reflected in depth."""
+    assert view.world_landmarks is not None
+    direction = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
+    landmarks = view.world_landmarks * [1.0, 1.0, -1.0 if mirrored else 1.0]
+    places = np.full((len(skeleton.names), 3), np.nan)
+    places[view.joints] = landmarks @ view.camera.viewing_axes(direction)
+    return places

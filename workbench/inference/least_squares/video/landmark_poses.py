@@ -11,6 +11,7 @@ import numpy as np
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.observations import Keypoints, Observed
+from workbench.inference.least_squares.video.landmark_depths import landmark_places
 from workbench.inference.least_squares.video.pose_problem import reach_in_sequence
 from workbench.utils.arrays import FloatArray
 
@@ -48,7 +49,7 @@ def landmark_poses(
     if not frames:
         return None
     views = [observations[t].keypoints[0] for t in frames]
-    places = np.array([_places(skeleton, view, mirrored) for view in views])
+    places = np.array([landmark_places(skeleton, view, mirrored) for view in views])
     rotations = median_rotations(torso_rotations(skeleton, places), times_s[frames])
     poses = np.zeros((len(frames), len(skeleton.dof_names)))
     poses[:, N_ROOT:] = reach_in_sequence(skeleton, _limb_targets(skeleton, places @ rotations), LIMB_SIGMA_M)[
@@ -84,16 +85,6 @@ def median_rotations(rotations: FloatArray, times_s: FloatArray) -> FloatArray:
 def _shows_torso(skeleton: Skeleton, frame: Observed) -> bool:
     views = [view for view in frame.keypoints if view.world_landmarks is not None]
     return bool(views) and {skeleton.joint(name) for name in TORSO} <= set(views[0].joints.tolist())
-
-
-def _places(skeleton: Skeleton, view: Keypoints, mirrored: bool) -> FloatArray:
-    """Return the landmarks (J, 3) along the world's axes; NaN for joints without."""
-    assert view.world_landmarks is not None
-    direction = view.camera.directions(view.camera.undistorted(view.detections[:, :2]).mean(axis=0))
-    landmarks = view.world_landmarks * [1.0, 1.0, -1.0 if mirrored else 1.0]
-    places = np.full((len(skeleton.names), 3), np.nan)
-    places[view.joints] = landmarks @ view.camera.viewing_axes(direction)
-    return places
 
 
 def _limb_targets(skeleton: Skeleton, places: FloatArray) -> FloatArray:
