@@ -46,7 +46,7 @@ def test_prediction_solves_the_stochastic_differential_equation():
 def test_the_log_density_of_a_match_is_the_sum_over_joints():
     state = initial_state(BODY, np.full(15, 0.1))
     shifted = BODY + np.array([0.0, 0.05, 0.02])
-    match = PredictedView(state, FRONT).match(detection(shifted))
+    match = PredictedView(state, FRONT).matches([detection(shifted)])[0]
     places, jacobians, depth = FRONT.project(BODY)
     residuals = (FRONT.places(shifted)[0] - places) * depth[:, None]
     jacobians = jacobians * depth[:, None, None]
@@ -66,7 +66,9 @@ def test_the_state_converges_to_repeated_detections():
             view = DetectorView(camera, np.ones(15, dtype=bool))
             predicted = PredictedView(state, view)
             state = predicted.updated(
-                predicted.match(Detection(view.places(true_joints)[0], np.full(15, 0.03), np.zeros(15, dtype=bool)))
+                predicted.matches(
+                    [Detection(view.places(true_joints)[0], np.full(15, 0.03), np.zeros(15, dtype=bool))]
+                )[0]
             )
     np.testing.assert_allclose(state.joints, true_joints, atol=5e-3)
     assert (np.linalg.eigvalsh(state.covariance) > -1e-12).all()
@@ -78,11 +80,11 @@ def test_an_outlier_joint_has_a_constant_density_and_no_influence():
     without_wrist, with_outlier = detection(BODY), detection(BODY)
     wrist = JOINT_NAMES.index("left_wrist")
     with_outlier.places[wrist] += 0.2
-    outlier_match = predicted.match(with_outlier)
+    outlier_match = predicted.matches([with_outlier])[0]
     assert wrist not in outlier_match.rows
     assert len(outlier_match.rows) == 14
     without_wrist.places[wrist] = np.nan
-    expected = predicted.match(without_wrist)
+    expected = predicted.matches([without_wrist])[0]
     assert outlier_match.log_density == pytest.approx(expected.log_density + kalman.LOG_OUTLIER)
     np.testing.assert_allclose(predicted.updated(outlier_match).mean, predicted.updated(expected).mean)
 
@@ -97,7 +99,7 @@ def test_exchanged_sides_are_matched_in_their_correct_order(parts):
     state = initial_state(BODY, np.full(15, 0.02))
     correct, swapped = detection(BODY), detection(BODY[order])
     predicted = PredictedView(state, FRONT)
-    from_swapped, from_correct = (predicted.updated(predicted.match(d)).mean for d in (swapped, correct))
+    from_swapped, from_correct = (predicted.updated(predicted.matches([d])[0]).mean for d in (swapped, correct))
     np.testing.assert_allclose(from_swapped, from_correct, atol=0.02)
 
 

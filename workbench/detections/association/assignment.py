@@ -77,16 +77,17 @@ def _assign(view: DetectorView, free: dict[Place, Detection], people: Sequence[_
     if not free or not people:
         return np.inf
     predicted, places = [PredictedView(person.state, view) for person in people], list(free)
-    matches = [[one.match(detection) for one in predicted] for detection in free.values()]
+    matches = [one.matches(list(free.values())) for one in predicted]  # by person, then detection
     n_people, n_places = len(people), len(places)
     costs = np.full((n_places, n_people + n_places), np.inf)
-    costs[:, :n_people] = [[_LOG_UNDETECTED - _LOG_DETECTED - match.log_density for match in row] for row in matches]
+    densities = np.array([[match.log_density for match in row] for row in matches])
+    costs[:, :n_people] = _LOG_UNDETECTED - _LOG_DETECTED - densities.T
     costs[np.arange(n_places), n_people + np.arange(n_places)] = [-log_other(one) for one in free.values()]
     columns = scipy.optimize.linear_sum_assignment(costs)[1]
     rows = np.flatnonzero(columns < n_people)
     for row, column in zip(rows, columns[rows], strict=True):
         person = people[column]
-        person.state, person.detected_s = predicted[column].updated(matches[row][column]), now_s
+        person.state, person.detected_s = predicted[column].updated(matches[column][row]), now_s
         person.places.append(places[row])
         del free[places[row]]
     table = costs[np.ix_(rows, columns[rows])]

@@ -4,6 +4,7 @@ A joint's velocity is an Ornstein–Uhlenbeck process with a component common to
 covariance grows with the duration of a gap, and the joints' positions remain correlated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,18 +109,26 @@ class PredictedView:
         joint_rows = self._cross_covariance.reshape(2, J, dims, J, 2)[0]
         self._covariance = np.einsum("jid,jdkl->jikl", jacobians, joint_rows)  # (J, 2, J, 2), m²
 
-    def match(self, detection: Detection) -> _Match:
-        """Return the best match over labellings of left and right; a detection without joints has log density -inf."""
-        detected = detection.detected
-        no_inliers = np.empty(0, dtype=np.intp), np.empty((0, 2)), np.empty(0)
-        if not detected.any():
-            return _Match(-np.inf, *no_inliers)
-        offset = ((detection.places - self._places) * self._depth[:, None])[detected].mean(axis=0)
+    def matches(self, detections: Sequence[Detection]) -> list[_Match]:
+        """Return the best match of each detection over labellings of left and right; one without joints has log density
+        -inf."""
+        places = np.stack([one.places for one in detections])
+        detected = np.isfinite(places[..., 0])
+        n_detected = detected.sum(axis=1)
+        residuals = np.where(detected[..., None], (places - self._places) * self._depth[:, None], 0.0)
+        offsets = residuals.sum(axis=1) / np.maximum(n_detected, 1)[:, None]
         sigma = np.sqrt(np.diagonal(self._covariance.reshape(2 * J, -1)).max())
-        if np.linalg.norm(offset) >= _GATE_M + 4.0 * sigma:
-            return _Match(LOG_OUTLIER * int(detected.sum()), *no_inliers)
+        is_near = (n_detected > 0) & (np.linalg.norm(offsets, axis=1) < _GATE_M + 4.0 * sigma)
+        others = np.where(n_detected > 0, LOG_OUTLIER * n_detected, -np.inf)
+        no_inliers = np.empty(0, dtype=np.intp), np.empty((0, 2)), np.empty(0)
+        return [
+            self._best_match(one) if near else _Match(float(other), *no_inliers)
+            for one, near, other in zip(detections, is_near, others, strict=True)
+        ]
+
+    def _best_match(self, detection: Detection) -> _Match:
         best = self._match(detection, *_LABELLINGS[0])
-        if detected.sum() - len(best.rows) < 2:
+        if detection.detected.sum() - len(best.rows) < 2:
             return best
         return max((best, *(self._match(detection, *one) for one in _LABELLINGS[1:])), key=lambda one: one.log_density)
 
