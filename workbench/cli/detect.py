@@ -15,6 +15,7 @@ from workbench.detections.people_picture import NAME, write_people
 from workbench.utils.decode import decode, frame_rate, timestamps
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import frame_times
+from workbench.utils.parallel import single_blas_thread
 from workbench.utils.signals import interruptible
 
 
@@ -64,4 +65,5 @@ def _tracked(video: Path, folder: Path) -> TrackedPeople:
         changes.add(image)
     people = read_view(folder, (0, None), UNKNOWN_IMAGES, None, video)
     cuts = changes.cuts(times.rate_hz).tolist()
-    return tracked_people(people, None, times.rate_hz, uneven_s=times.uneven_s, cuts=cuts)
+    with single_blas_thread():
+        return tracked_people(people, None, times.rate_hz, uneven_s=times.uneven_s, cuts=cuts)
