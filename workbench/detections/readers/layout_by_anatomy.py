@@ -9,7 +9,7 @@ from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.named_points import layout_joints, named_points
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.nan_statistics import nan_median
+from workbench.utils.nan_statistics import nan_mean, nan_median
 
 _AVERAGE = from_height(1.0)
 _BONES = {
@@ -97,8 +97,5 @@ def _deviation(layout: tuple[str, ...], points: FloatArray) -> FloatArray:
     first, second = np.array(list(pairs)).T
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     ratios = np.log(np.maximum(lengths, 1e-9) / np.array(list(pairs.values())))
-    measured = np.isfinite(ratios)
-    scales = nan_median(ratios)
-    deviations = np.minimum(np.abs(ratios - scales[:, None]), _MAX_LOG_RATIO)
-    count = measured.sum(axis=1)
-    return np.where(count > 2, np.where(measured, deviations, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    deviations = np.minimum(np.abs(ratios - nan_median(ratios)[:, None]), _MAX_LOG_RATIO)
+    return np.where(np.isfinite(ratios).sum(axis=1) > 2, nan_mean(deviations), np.nan)

@@ -11,6 +11,7 @@ from workbench.evaluation.errors.pose_errors import acceleration_error, procrust
 from workbench.evaluation.metrics import row_of
 from workbench.evaluation.uncertainty.posterior_calibration import crps
 from workbench.utils.arrays import FloatArray
+from workbench.utils.nan_statistics import nan_mean
 
 PCK_M = 0.15
 """Threshold of correct joints (Mehta et al., 3DV 2017), and the last one of the area under the curve."""
@@ -71,18 +72,18 @@ def frame_scores(
     distances = np.linalg.norm(own - true, axis=-1)
     is_true, known = np.isfinite(true).all(axis=-1), np.isfinite(distances)
     scores = {
-        "mpjpe": 1e3 * _mean(distances),
-        "pck_150": 100.0 * _mean(np.where(known, distances < PCK_M, np.nan)),
-        "auc_150": 100.0 * _mean((1.0 - distances / PCK_M).clip(min=0.0)),
+        "mpjpe": 1e3 * nan_mean(distances),
+        "pck_150": 100.0 * nan_mean(np.where(known, distances < PCK_M, np.nan)),
+        "auc_150": 100.0 * nan_mean((1.0 - distances / PCK_M).clip(min=0.0)),
         "acceleration": np.pad(acceleration_error(own, true, times_s), 1, constant_values=np.nan)
         if len(times_s) > 2
         else np.full(len(times_s), np.nan),
-        "missing": 100.0 * _mean(np.where(is_true, ~known, np.nan)),
+        "missing": 100.0 * nan_mean(np.where(is_true, ~known, np.nan)),
         "pa_mpjpe": 1e3 * np.array([_procrustes(*pair) for pair in zip(own, true, strict=True)]),
     }  # fmt: skip
     if root is not None:
         relative = (own - estimate[:, root, None]) - (true - truth[:, root, None])
-        scores["mpjpe_root"] = 1e3 * _mean(np.linalg.norm(relative, axis=-1))
+        scores["mpjpe_root"] = 1e3 * nan_mean(np.linalg.norm(relative, axis=-1))
     if len(samples):
         scores |= _calibration(samples[:, :, rows], true)
     everywhere = 1e3 * np.linalg.norm(estimate - truth, axis=-1)
@@ -102,8 +103,8 @@ def _calibration(samples: FloatArray, truth: FloatArray) -> dict[str, FloatArray
     weights = np.full(len(samples), 1.0 / len(samples))
     score[known] = crps(np.ascontiguousarray(samples[:, known]), weights, truth[known])
     inside = np.where(known, (low <= truth) & (truth <= high), np.nan)
-    return {"coverage_90": 100.0 * _mean(inside.reshape(len(truth), -1)),
-            "crps": 1e3 * _mean(score.reshape(len(truth), -1))}  # fmt: skip
+    return {"coverage_90": 100.0 * nan_mean(inside.reshape(len(truth), -1)),
+            "crps": 1e3 * nan_mean(score.reshape(len(truth), -1))}  # fmt: skip
 
 
 def joint_angles(names: Sequence[str], positions: FloatArray) -> dict[str, FloatArray]:
@@ -122,10 +123,3 @@ def _flexion_deg(joints: FloatArray) -> FloatArray:
     upper, lower = joints[:, 1] - joints[:, 0], joints[:, 2] - joints[:, 1]
     across = np.linalg.norm(np.cross(upper, lower), axis=-1)
     return np.asarray(np.degrees(np.arctan2(across, (upper * lower).sum(axis=-1))))
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Return the means (F,) of known values (F, K), NaN where none is known."""
-    known = np.isfinite(values)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)

@@ -14,6 +14,7 @@ from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding
+from workbench.utils.nan_statistics import nan_mean
 
 _MOSTLY, _FAR = 0.5, 2.0
 """A run is not usable if at least this fraction of its frames is lost, with mean errors of at least this many
@@ -117,8 +118,8 @@ def _evaluated(measured: RunMeasurements) -> BoolArray:
 
 def _keypoint_distances(measured: RunMeasurements) -> tuple[FloatArray, FloatArray]:
     """Return the distances from the keypoints, and a forearm's width in the image, means over views, (F,) each, px."""
-    width_px = FOREARM_OVER_HEIGHT * mean_over_views(measured.person_height_px)
-    return mean_over_views(measured.keypoint_error_px), np.where(width_px > 0.0, width_px, np.nan)
+    width_px = FOREARM_OVER_HEIGHT * nan_mean(measured.person_height_px)
+    return nan_mean(measured.keypoint_error_px), np.where(width_px > 0.0, width_px, np.nan)
 
 
 def _relative_errors(measured: RunMeasurements) -> FloatArray:
@@ -214,13 +215,6 @@ def _keypoint_error(measured: RunMeasurements) -> str:
         f"joints {np.nanmean(px):.1f} px from the keypoints{by_camera}, {relative:.1%} of the person's height, in {n} "
         f"of {len(px)} frames"
     )
-
-
-def mean_over_views(table: FloatArray) -> FloatArray:
-    """Return the mean (F,) over views (F, V), NaN ignored, NaN where all are."""
-    valid = np.isfinite(table)
-    total = np.where(valid, table, 0.0).sum(axis=1)
-    return np.where(valid.any(axis=1), total / np.maximum(valid.sum(axis=1), 1), np.nan)
 
 
 def has_values(values: FloatArray) -> bool:

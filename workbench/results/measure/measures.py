@@ -8,7 +8,7 @@ import pandas as pd
 
 from workbench.body.stature import SIDES, limb_lengths, usual_height
 from workbench.evaluation.gait.angle_cycles import N_POINTS, AngleCycles
-from workbench.evaluation.gait.estimates import bands_of, estimate_of
+from workbench.evaluation.gait.estimates import bands_of
 from workbench.evaluation.gait.joint_angles import GAIT_ANGLES, JointAngles, joint_angles
 from workbench.evaluation.gait.repetitions import angle_measures
 from workbench.evaluation.gait.stretches import rows_of_stretches
@@ -143,8 +143,8 @@ def _rows(name: str, unit: str, sides: Mapping[str, FloatArray], counts: Mapping
 
 def _bounded(values: FloatArray, signed: bool) -> tuple[float, float, float]:
     """Return the estimate of values (M,) and its interval, which has no negative values unless it is signed."""
-    each = estimate_of(values)
-    return each.value, each.low if signed else float(np.maximum(each.low, 0.0)), each.high
+    value, low, high = (float(each[0]) for each in bands_of(values[:, None]))
+    return value, low if signed else float(np.maximum(low, 0.0)), high
 
 
 def _cycles(walk: Walk, angles: JointAngles) -> tuple[Curve, ...]:
