@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -24,14 +24,12 @@ from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.step_calibration import pose_ranks
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
-
-if TYPE_CHECKING:
-    from workbench.evaluation.verdict.run_measurements import RunMeasurements
-    from workbench.evaluation.verdict.run_verdict import Verdict
 
 FLUSH_S, FLUSH_FRACTION, MAX_FLUSH_EVERY = 1.0, 0.05, 60
 """Seconds between two flushes, or this fraction of the run's seconds so far, and frames at most: the work that is lost
@@ -180,7 +178,7 @@ class Recorder:
         now = monotonic()
         return now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
 
-    def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
+    def set_verdict(self, verdict: Verdict, measured: RunMeasurements) -> None:
         """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
 
         Curves of a single frame are then hidden, and curves of few frames are drawn as points.
@@ -219,7 +217,7 @@ class Recorder:
         """Record the run's cost as the property `cost`, which differs between equal runs."""
         self._file.send_numbers("cost", cost)
 
-    def _scene(self, step: Step) -> "columns.Rows":
+    def _scene(self, step: Step) -> columns.Rows:
         """Yield the rows of the world and the images, and log meshes, annotations and keypoints."""
         figure, views, truth = self._figure, step.frame.views, step.frame.truth
         true = scene.true_joints(figure.skeleton, truth)
@@ -255,7 +253,7 @@ class Recorder:
         if views and self._has_annotations:  # as the keypoints
             self._file.send(images.annotations(self._camera(views[0].camera), truth, figure.skeleton.names))
 
-    def _encode(self, frame: Frame, recorded: "images.RecordedCamera", pixels: ByteArray) -> None:
+    def _encode(self, frame: Frame, recorded: images.RecordedCamera, pixels: ByteArray) -> None:
         if self._video is not None:
             row = images.video_row(recorded, self._video[1], frame.index)
             self._columns.add(frame.index, columns.nanoseconds(frame.time_s), row)
@@ -264,7 +262,7 @@ class Recorder:
             jpeg = self._encoder.submit(images.jpeg, recorded, pixels, self._jpeg_quality)
         self._encoded.append((frame.index, columns.nanoseconds(frame.time_s), f"{recorded.path}/image", jpeg))
 
-    def _camera(self, camera: Camera) -> "images.RecordedCamera":
+    def _camera(self, camera: Camera) -> images.RecordedCamera:
         if camera.name not in self._cameras:
             self._cameras[camera.name] = images.recorded_camera(camera)
             self._file.send(images.fixed(self._cameras[camera.name], self._camera_turns), static=True)
@@ -273,7 +271,7 @@ class Recorder:
                 self._file.send(iter(video), static=True)
         return self._cameras[camera.name]
 
-    def _turned(self, recorded: "images.RecordedCamera", camera: Camera) -> "images.RecordedCamera":
+    def _turned(self, recorded: images.RecordedCamera, camera: Camera) -> images.RecordedCamera:
         """Return the recorded camera of a frame, and record its lens where it differs from the frame's before."""
         turned = images.turned(recorded, camera)
         if self._lens is None or not np.array_equal(self._lens, camera.matrix):
@@ -338,7 +336,8 @@ class Recorder:
     def _add_images(self) -> None:
         """Add the encoded images of the last frame to the columns."""
         for frame, time, path, jpeg in self._encoded:
-            self._columns.add(frame, time, images.jpeg_row(path, jpeg.result()))
+            row = columns.Row(rr.EncodedImage, {"blob": [jpeg.result()], "media_type": ["image/jpeg"]})
+            self._columns.add(frame, time, [(path, row)])
         self._encoded.clear()
 
 
