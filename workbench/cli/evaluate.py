@@ -8,14 +8,7 @@ import typer
 from workbench.evaluation.comparison.alignment import ALIGNMENTS, NONE
 from workbench.evaluation.comparison.joint_motion import JointMotion
 from workbench.recording.write.two_skeletons import write_two_skeletons
-from workbench.results.evaluate.evaluation import (
-    Compared,
-    angle_table,
-    compared,
-    joint_table,
-    score_table,
-    trials_of,
-)
+from workbench.results.evaluate.evaluation import Compared, angle_table, compared, joint_table, score_table, trials_of
 from workbench.results.evaluate.files import display, write_tables
 from workbench.results.evaluate.joint_files import Given, read_joints
 from workbench.results.formatting import text
@@ -77,10 +70,8 @@ def evaluate(
             for note in one.notes:
                 print(printable(note))
     scores = score_table(scored)
-    if scores.empty:  # only angles
-        print(f"\n{text(angle_table(scored).round(2).astype(object))}")
-    else:
-        print(f"\n{text(display(scores))}")
+    shown = angle_table(scored).round(2).astype(object) if scores.empty else display(scores)
+    print(f"\n{text(shown)}")
     parts = "trials" if max(map(len, scored.values())) > 1 else "seconds of the trial"
     words = f"; [90 % intervals] over the {parts}" if scores["low_90"].notna().any() else ""
     print(f"\nalignment: {align}{words}")

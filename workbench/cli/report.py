@@ -18,8 +18,7 @@ def report(
         list[Path], typer.Argument(metavar="FOLDER", help="Folders of recordings, or single recordings.")
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Folder for report.html, report.md, plots and CSV tables."),
+        Path | None, typer.Option("-o", "--output", help="Folder for report.html, report.md, plots and CSV tables.")
     ] = None,
 ) -> None:
     """Report metrics over seeds and people, for each group of runs with equal configurations.

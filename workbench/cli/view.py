@@ -39,14 +39,10 @@ def view(
         path = runs[0].path if len(runs) == 1 else _side_by_side(runs, recordings, Path(folder))
         code = processes.run([str(program), "--bind", HOST, *_ports(web), str(path)]).returncode
     if code:
-        hint = "" if has_display() else "; there is no display: --web serves a viewer for a browser"
+        has_display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        hint = "" if has_display else "; there is no display: --web serves a viewer for a browser"
         print(f"workbench view: the viewer ended with exit code {code}{hint}", file=sys.stderr)
         raise Exit(1)
-
-
-def has_display() -> bool:
-    """Return whether a window can be opened, as far as the environment says."""
-    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _ports(web: bool) -> list[str]:
