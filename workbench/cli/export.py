@@ -144,12 +144,11 @@ def true_track(run: Run) -> Track:
 
 def _intervals(run: Run, frames: IntArray) -> dict[str, FloatArray]:
     """Return the bounds (F,) of the parameters' 90 % intervals by name: `<name>_low` and `<name>_high`."""
-    intervals = {}
-    for path, curve in run.scalars.items():
-        *before, name, row = path.split("/")
-        if before == ["posterior", "parameters"] and row in ("low", "high") and np.array_equal(curve.frames, frames):
-            intervals[f"{name}_{row}"] = curve.values[:, 0]
-    return intervals
+    bounds = run.intervals
+    if not np.array_equal(bounds.frames, frames):
+        return {}
+    rows = {"low": bounds.low, "high": bounds.high}
+    return {f"{name}_{row}": each[:, k] for row, each in rows.items() for k, name in enumerate(bounds.names)}
 
 
 def _skeleton(run: Run, kind: str) -> Skeleton:

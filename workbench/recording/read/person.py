@@ -17,10 +17,7 @@ from workbench.recording.read.reader import Run
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-_BODIES = {
-    (JOINT_NAMES, POSE_NAMES): person_skeleton,
-    (JOINT_NAMES_WITH_FEET, POSE_NAMES_WITH_FEET): feet_skeleton,
-}
+_BODIES = {(JOINT_NAMES, POSE_NAMES): person_skeleton, (JOINT_NAMES_WITH_FEET, POSE_NAMES_WITH_FEET): feet_skeleton}
 
 
 def recorded_skeleton(run: Run) -> Skeleton:

@@ -156,27 +156,26 @@ class Recorder:
         if self._layout_input is None:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
-        pose = columns.curves({"estimate/pose": step.expected_pose})
-        draws = () if step.draws is None else columns.draws("estimate/draws", step.draws)
+        poses = {"estimate/pose": columns.Row(rr.Scalars, {"scalars": np.array(step.expected_pose, dtype=np.float64)})}
+        if step.draws is not None:
+            poses["estimate/draws"] = columns.Row(rr.DynamicArchetype, {"poses": step.draws.astype(np.float32).ravel()})
         self._add_images()
-        self._columns.add(frame.index, time, chain(pose, draws, self._scene(step), self._posterior.histograms(step)))
+        rows = chain(poses.items(), self._scene(step), self._posterior.histograms(step))
+        self._columns.add(frame.index, time, rows)
         for message in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
         self._n_frames += 1
         self._file.write(self._columns, min_bytes=MAX_BUFFERED_BYTES)
-        if self._file.is_streaming or self._n_frames - self.n_flushed >= MAX_FLUSH_EVERY or self._is_due():
+        now, n_buffered = monotonic(), self._n_frames - self.n_flushed
+        is_due = now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
+        if self._file.is_streaming or n_buffered >= MAX_FLUSH_EVERY or is_due:
             # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
             growth = 1.1 if self._file.is_streaming else 2.5
             if self._n_frames >= max(growth * self._n_frames_pictured, self._n_frames_pictured + _PICTURES_EVERY):
                 self._send_pictures()
             self._flush()
             self._file.check_space()
-
-    def _is_due(self) -> bool:
-        """Return whether the time since the last flush reaches the interval between two flushes."""
-        now = monotonic()
-        return now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
 
     def set_verdict(self, verdict: Verdict, measured: RunMeasurements) -> None:
         """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
