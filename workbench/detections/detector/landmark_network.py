@@ -39,8 +39,7 @@ class Region:
     @property
     def to_image(self) -> FloatArray:
         """The affine map (2, 3) from pixels of the network's input to pixels of the image."""
-        cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        linear = self.side / SIZE_PX * np.array([[cosine, -sine], [sine, cosine]])
+        linear = self.side / SIZE_PX * rotation(self.angle)
         return np.column_stack([linear, [self.u, self.v] - linear @ [0.5 * SIZE_PX, 0.5 * SIZE_PX]])
 
 

@@ -7,12 +7,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.detections.readers.detected_points import (
-    DetectedPoints,
-    keypoints_of,
-    numbers_in_names,
-    ordered_points,
-)
+from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names, ordered_points
 from workbench.detections.readers.formats import (
     COORDINATES,
     DATASET_KEYS,
@@ -78,11 +73,8 @@ def _folder(folder: Path) -> DetectedPoints:
     present = sorted(file for file in folder.iterdir() if file.name[0] != ".") if folder.is_dir() else []
     suffix = next((each for each in _SUFFIXES if any(file.suffix.lower() == each for file in present)), "")
     files_in_folder = [file for file in present if suffix and file.suffix.lower() == suffix]
-    if (
-        suffix == ".json"
-        and len(files_in_folder) == 1
-        and _frames_of(content := _parsed(files_in_folder[0])) is not None
-    ):
+    is_one = suffix == ".json" and len(files_in_folder) == 1
+    if is_one and _frames_of(content := _parsed(files_in_folder[0])) is not None:
         return _json_file(files_in_folder[0], content)
     files = _numbered(folder, files_in_folder)
     people, identities, names = [], list[IntArray | None](), tuple[str, ...]()
@@ -206,7 +198,6 @@ def _list_of_people(image: Any) -> Any:
 
 
 def _people(image: Any, names: tuple[str, ...]) -> list[FloatArray]:
-    """Return the points of the people of one image, see `_points`."""
     return [_points(person, names) for person in _list_of_people(image)]
 
 

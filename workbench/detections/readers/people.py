@@ -105,13 +105,8 @@ def read_people(
     frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
     for name, assumption in assumptions.items():
         log.warning("%s: %s", people[name].source, assumption)
-    return people | {name: _at_frames(people[name], each) for name, each in frames.items()}
-
-
-def _at_frames(people: People, frames: IntArray) -> People:
-    """Return people at other numbers of frames, without those of a negative one."""
-    rows = np.flatnonzero(frames >= 0)
-    return people.at_rows(rows, frames[rows])
+    rows = {name: np.flatnonzero(each >= 0) for name, each in frames.items()}
+    return people | {name: people[name].at_rows(rows[name], each[rows[name]]) for name, each in frames.items()}
 
 
 def people_of_points(
