@@ -202,11 +202,7 @@ class ParticlesByDimension:
         return StudyResult(metrics, (needed,), _note(metrics, self))
 
     def _survival(
-        self,
-        problem: Callable[[int], DimensionProblem],
-        dims: Sequence[int],
-        x: FloatArray,
-        rng: np.random.Generator,
+        self, problem: Callable[[int], DimensionProblem], dims: Sequence[int], x: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
         """Return log₁₀ of the number of particles per survivor (n_seeds, len(x)), mean over frames; NaN elsewhere."""
         log_n = np.full((self.n_seeds, len(x)), np.nan)

@@ -79,7 +79,9 @@ def frame_scores(
         if len(times_s) > 2
         else np.full(len(times_s), np.nan),
         "missing": 100.0 * nan_mean(np.where(is_true, ~known, np.nan)),
-        "pa_mpjpe": 1e3 * np.array([_procrustes(*pair) for pair in zip(own, true, strict=True)]),
+        "pa_mpjpe": 1e3 * np.array([
+            procrustes(a, np.where(np.isfinite(a), b, np.nan)) for a, b in zip(own, true, strict=True)
+        ]),
     }  # fmt: skip
     if root is not None:
         relative = (own - estimate[:, root, None]) - (true - truth[:, root, None])
@@ -89,10 +91,6 @@ def frame_scores(
     everywhere = 1e3 * np.linalg.norm(estimate - truth, axis=-1)
     own_angles, true_angles = joint_angles(names, estimate), joint_angles(names, truth)
     return FrameScores(scores, everywhere, {name: (own_angles[name], true_angles[name]) for name in own_angles})
-
-
-def _procrustes(estimate: FloatArray, truth: FloatArray) -> float:
-    return procrustes(estimate, np.where(np.isfinite(estimate), truth, np.nan))
 
 
 def _calibration(samples: FloatArray, truth: FloatArray) -> dict[str, FloatArray]:
