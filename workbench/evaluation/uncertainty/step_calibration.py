@@ -156,10 +156,8 @@ def _members(names: tuple[str, ...]) -> tuple[list[str], BoolArray]:
 @lru_cache
 def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
     """Return the joints of the groups of GROUPS; the root is the first joint."""
-    members = {
-        g: [k for k, n in enumerate(skeleton.names) if any(w in n for w in words)] for g, words in GROUPS.items()
-    }
-    return {group: np.array(each, np.int64) for group, each in (members | {"root": [0]}).items() if each}
+    groups, belongs = _members(("root", *skeleton.names[1:]))
+    return {group: np.flatnonzero(each) for group, each in zip(groups, belongs, strict=True)}
 
 
 def expected_errors(step: Step, skeleton: Skeleton, relative: bool = False) -> dict[str, float]:
