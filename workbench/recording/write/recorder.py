@@ -104,7 +104,7 @@ class Recorder:
         self._uninformative, self._n_values = frozenset(uninformative_metrics), Counter[str]()
         self._has_annotations, self._with_keypoints = False, set[str]()
         self._layout_input: layout.LayoutInput | None = None
-        self._laid_out = True
+        self._sent_layout: layout.LayoutInput | None = None
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
         self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
@@ -196,7 +196,6 @@ class Recorder:
             self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=reprojection,
             n_characters=len(verdict.message),
         )  # fmt: skip
-        self._laid_out = False
         self._send_layout()
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
@@ -299,13 +298,13 @@ class Recorder:
         warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
         if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.metric_lines(new), static=True)
+            # sent at the next flush, since the second frame has more metrics than the first
             self._layout_input = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
-            self._laid_out = False  # sent at the next flush, since the second frame has more metrics than the first
 
     def _send_layout(self) -> None:
-        if self._layout_input is not None and not self._laid_out:
+        if self._layout_input is not None and self._layout_input is not self._sent_layout:
             self._stream.send_blueprint(layout.layout(self._layout_input))
-        self._laid_out = True
+        self._sent_layout = self._layout_input
 
     def _send_pictures(self) -> None:
         self._send_layout()  # before the layout of trails
