@@ -3,10 +3,10 @@
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera import Camera
@@ -343,10 +343,9 @@ def most_prominent(people: Iterable[People]) -> FloatArray:
 def _report_gaps(tracked: TrackedPeople, detected: BoolArray, rate_hz: float) -> None:
     """Log long gaps of the target's detections (V, T)."""
     for name, in_view in zip(tracked.names, detected, strict=True):
-        for is_gap, run in groupby(range(len(in_view)), key=lambda t: not in_view[t]):
-            gap = list(run)
-            if is_gap and len(gap) > _LONG_GAP_S * rate_hz:
-                first, last = tracked.frames[gap[0]], tracked.frames[gap[-1]]
+        for (gap,) in find_objects(label(~in_view)[0]):
+            if gap.stop - gap.start > _LONG_GAP_S * rate_hz:
+                first, last = tracked.frames[gap.start], tracked.frames[gap.stop - 1]
                 log.info("%s: the target is not detected in frames %d to %d", name, first, last)
 
 

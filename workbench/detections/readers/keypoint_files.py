@@ -154,18 +154,12 @@ def _frames_of(content: Any) -> list[tuple[Any, Any]] | None:
     elements = content if key is None else content[key]
     if not isinstance(elements, list):
         return None
-    image_key = next(
-        (key for key in FRAME_KEYS if elements and isinstance(elements[0], dict) and key in elements[0]), ""
-    )
+    first = elements[0] if elements and isinstance(elements[0], dict) else {}
+    image_key = next((key for key in FRAME_KEYS if key in first), "")
     if not image_key and not all(isinstance(each, list) or _has_people(each) for each in elements):
         return None
-    return [
-        (
-            element[image_key] if image_key else k,
-            element if isinstance(element, list) or _has_people(element) else [element],
-        )
-        for k, element in enumerate(elements)
-    ]
+    images = [each if isinstance(each, list) or _has_people(each) else [each] for each in elements]
+    return [(each[image_key] if image_key else k, images[k]) for k, each in enumerate(elements)]
 
 
 def _has_people(image: Any) -> bool:

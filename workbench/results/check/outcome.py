@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -44,9 +44,8 @@ def has_moved(finding: MetricChange) -> bool:
     return not finding.passed or finding.agreement is None or finding.agreement > Agreement.ROUNDING
 
 
-def exit_code(checks: Iterable[Check]) -> int:
+def exit_code(checks: Sequence[Check]) -> int:
     """Return 2 if a recording was refused, else 1 if anything failed, else 0."""
-    checks = list(checks)
     if any(check.refused is not None for check in checks):
         return 2
     return 0 if all(check.passed for check in checks) else 1
