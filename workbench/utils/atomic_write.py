@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -49,6 +49,15 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
     finally:
         if part.is_file():
             part.unlink(missing_ok=True)  # another process may remove the folder
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write texts to files of these names in a folder, atomically, and return their paths; existing files are
+    replaced. Raises InputError as `whole_file`."""
+    for name, text in texts.items():
+        with whole_file(folder / name, parents=True) as part:
+            part.write_text(text, encoding="utf-8", newline="\n")
+    return [folder / name for name in texts]
 
 
 @contextmanager

@@ -40,11 +40,6 @@ class Compared:
     scores: FrameScores
     notes: tuple[str, ...]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The J joints."""
-        return self.truth.names
-
 
 def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, offset: float | None) -> Compared:
     """Return an estimate of a trial compared with the truth.
@@ -211,7 +206,7 @@ def joint_table(estimates: Mapping[str, Sequence[Compared]]) -> pd.DataFrame:
     for name, trials in estimates.items():
         means: dict[str, list[FloatArray]] = {}
         for trial in trials:
-            for joint, distances in zip(trial.names, trial.scores.distances_mm.T, strict=True):
+            for joint, distances in zip(trial.truth.names, trial.scores.distances_mm.T, strict=True):
                 means.setdefault(joint, []).append(distances[np.isfinite(distances)])
         columns[name] = {
             joint: float(np.concatenate(each).mean()) for joint, each in means.items() if sum(map(len, each))

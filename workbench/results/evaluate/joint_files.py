@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -26,7 +25,7 @@ from workbench.motion.formats.markers import Markers, in_world, joint_centres, r
 from workbench.motion.formats.opensim_mot import MAX_HYPEREXTENSION_DEG, opensim_coordinates, read_mot
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
 from workbench.motion.formats.trc import RawMarkers, joints_of_csv
-from workbench.motion.sources import Reading, read_clip
+from workbench.motion.sources import BY_FILE, Reading, read_clip
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.person import recorded_poses, recorded_skeleton
@@ -68,22 +67,11 @@ _RATES = ("rate_hz", "fps", "frame_rate", "framerate")
 _NAMES = ("names", "joint_names", "joints_names", "keypoint_names", "labels")
 
 
-class Given(NamedTuple):
-    """What the user says of a file; None: by the file. unit: of length. up: the vertical axis. rate_hz: of files
-    without times."""
-
-    unit: str | None = None
-    up: str | None = None
-    rate_hz: float | None = None
-
-
-BY_FILE = Given()
-
-
-def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> JointMotion:
+def read_joints(path: Path, given: Reading = BY_FILE, truth: bool = False) -> JointMotion:
     """Return the motion of the person's joints in a file or a run's folder; of a motion file of OpenSim the angles.
 
-    truth: of a recording the true joints, if it has them, instead of the estimate. Raises InputError if the file cannot
+    given: what the user says of the file, with the rate of any file without times. truth: of a recording the true
+    joints, if it has them, instead of the estimate. Raises InputError if the file cannot
     be read, has no joint by name, or no times and no rate is given.
     """
     path = recording_at(expanded(path))
@@ -154,8 +142,8 @@ def _named(coordinates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {ours.get(name, name): each for name, each in coordinates.items() if name not in _TRANSLATIONS}
 
 
-def _of_skeleton(path: Path, given: Given) -> JointMotion:
-    clip = read_clip(path, Reading(unit=given.unit, up=given.up, rate_hz=given.rate_hz))
+def _of_skeleton(path: Path, given: Reading) -> JointMotion:
+    clip = read_clip(path, given)
     found = skeleton_joints(clip.joints, clip.parents.tolist(), place=path)
     if not found:
         raise InputError(f"{path}: no joint has a known name, found {', '.join(clip.joints[:60])}")

@@ -53,11 +53,6 @@ class Measures:
     curves: tuple[Curve, ...]
     notes: tuple[str, ...]
 
-    @property
-    def x_name(self) -> str:
-        """Name of the curves' x axis and column."""
-        return "time_s" if self.kind == "motion" else "percent"
-
 
 def measures_of(run: Run) -> Measures:
     """Return the measures of a recording; raises InputError if it tracks no person."""
