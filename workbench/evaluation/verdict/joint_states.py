@@ -69,11 +69,6 @@ class JointStates:
         n_lost, n_seen = (self.lost & self.seen).sum(axis=1), self.seen.sum(axis=1)
         return np.asarray((n_seen >= MIN_JOINTS) & (n_lost >= _MIN_LOST * n_seen))
 
-    @cached_property
-    def body_doubtful(self) -> BoolArray:
-        """Return whether any joint that is seen is not tracked, (F,)."""
-        return np.asarray((self.seen & (self.doubtful | self.far | self.lost)).any(axis=1))
-
     def of_joints(self, names: tuple[str, ...]) -> list[str]:
         """Return the worst state of some joints in every frame, F; NOT_SEEN where no camera sees any of them."""
         k = [JOINT_NAMES.index(name) for name in names]

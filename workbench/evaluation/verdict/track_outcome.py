@@ -76,7 +76,8 @@ def doubtful_frames(measured: RunMeasurements, joints: JointStates) -> BoolArray
     """Return whether the depth drifted beyond its stated uncertainty, the error expected by the posterior exceeds
     UNCERTAIN_MM, or a joint is not tracked, (F,)."""
     uncertain: BoolArray = np.array([bool(groups) for groups in measured.uncertain_groups], dtype=bool)
-    return np.asarray(uncertain | depth_drift(measured)[1] | joints.body_doubtful)
+    untracked: BoolArray = np.any(joints.seen & (joints.doubtful | joints.far | joints.lost), axis=1)
+    return np.asarray(uncertain | depth_drift(measured)[1] | untracked)
 
 
 def _losses(measured: RunMeasurements, joints: JointStates) -> dict[str, BoolArray]:
