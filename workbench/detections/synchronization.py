@@ -31,10 +31,7 @@ _MAX_DISTANCE_M = 0.3
 class PairedFrames:
     """Frames of one camera at the times of the reference camera's frames.
 
-    Parameters
-    ----------
-    frames : (T,) numbers of the nearest frames.
-    times_s : (T,) their times, with the camera's offset.
+    frames: (T,), numbers of the nearest frames. times_s: (T,), their times, with the camera's offset.
     """
 
     frames: IntArray

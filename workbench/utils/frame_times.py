@@ -25,10 +25,8 @@ _MAX_UNEVEN = 0.5
 class FrameTimes:
     """Times of the frames of one source, s, the first of which is 0.
 
-    Parameters
-    ----------
-    rate_hz : frame rate; the median rate of uneven frames.
-    uneven_s : (F,) times of all frames from frame 0 on; None for a constant rate.
+    rate_hz: frame rate; the median rate of uneven frames. uneven_s: (F,), times of all frames from frame 0 on; None for
+    a constant rate.
     """
 
     rate_hz: float

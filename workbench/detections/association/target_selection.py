@@ -125,8 +125,7 @@ def select_target(
 
     Raises
     ------
-    InputError
-        Without any person, and for a target that is not detected in its view or in a second one.
+    InputError : without any person, and for a target that is not detected in its view or in a second one.
     """
     tracked = tracked_people(people, cameras, rate_hz, within, uneven_s, cuts)
     number = _selected(tracked, person)

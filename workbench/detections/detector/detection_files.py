@@ -144,8 +144,7 @@ def cached_detections(video: Path, model: str, cache: Path, within: tuple[int, i
 
     Raises
     ------
-    InputError
-        As `model_file` and `detect_video`, and without a person in these frames.
+    InputError : as `model_file` and `detect_video`, and without a person in these frames.
     """
     _, chunk = _rate_and_chunk(video)  # raises before anything is downloaded
     path, start = model_file(model, cache), within[0] // chunk * chunk

@@ -70,8 +70,7 @@ class LandmarkNetwork:
 
     Raises
     ------
-    InputError
-        For a file that is no such model.
+    InputError : for a file that is no such model.
     """
 
     def __init__(self, path: Path) -> None:

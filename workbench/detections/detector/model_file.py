@@ -67,8 +67,7 @@ def model_file(model: str, cache: Path) -> Path:
 
     Raises
     ------
-    InputError
-        For a path that is no file, and where the model can neither be found nor downloaded.
+    InputError : for a path that is no file, and where the model can neither be found nor downloaded.
     """
     if model not in MODELS:
         path = expanded(model)

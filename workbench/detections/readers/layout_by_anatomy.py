@@ -31,8 +31,8 @@ _NEIGHBOUR_LENGTH = 0.06
 """Distance of the first point of each group from the others, over the height."""
 _MAX_LOG_RATIO = 1.5
 """Largest deviation of a bone that counts, for robustness; foreshortened bones have all lengths down to zero."""
-_CLEAR = 0.1
-"""Smallest evidence of a clear decision."""
+CLEAR = 0.1
+"""Smallest evidence of a clear decision, see `matching_layout`."""
 
 
 def matching_layout(source: str, people: Sequence[FloatArray]) -> tuple[str, float]:
@@ -56,11 +56,6 @@ def matching_layout(source: str, people: Sequence[FloatArray]) -> tuple[str, flo
     medians = np.median(excess, axis=1) if usable.any() else np.zeros(len(names))
     order = np.argsort(medians, kind="stable")
     return names[order[0]], float(medians[order[1]] - medians[order[0]])
-
-
-def is_clear(evidence: float) -> bool:
-    """Return whether the evidence for a layout is clear, see `matching_layout`."""
-    return evidence >= _CLEAR
 
 
 def check_number_of_points(source: object, n_points: int) -> None:

@@ -36,11 +36,8 @@ SCORES: Mapping[str, Score] = MappingProxyType({
 })  # fmt: skip
 """Scores in the order of the table. Means are over the joints without the pelvis, as of `pose_errors.step_errors`."""
 _ANGLES = MappingProxyType({
-    f"{side}_{name}": tuple(part if part in ("neck", "pelvis") else f"{side}_{part}" for part in parts)
-    for side in ("left", "right")
-    for name, parts in {
-        "knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist"),
-    }.items()
+    f"{side}_{parts[1]}": tuple(f"{side}_{part}" for part in parts)
+    for side in ("left", "right") for parts in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))
 })  # fmt: skip
 """Angles of flexion, 0 where the limb is straight, by the three joints."""
 

@@ -30,8 +30,6 @@ _CONVERSION_ERRORS = (
 
 EVERYTHING = ("/**", "/__properties/**")
 """Contents of a whole recording."""
-
-
 SCALARS, DRAWS = "Scalars:scalars", "Draws:poses"
 """Components of curves and of samples of the motion."""
 

@@ -58,7 +58,8 @@ def measures_of(run: Run) -> Measures:
     """Return the measures of a recording; raises InputError if it tracks no person."""
     motion = recorded_motion(run)
     angles = joint_angles(motion.skeleton.dof_names, motion.poses)
-    parts = [_part(name, side) for name, side in zip(angles.names, angles.sides, strict=True)]
+    limbs = [_LIMBS[name.split("_")[0]] for name in angles.names]
+    parts = [limb if limb == "torso" else f"{side}_{limb}" for limb, side in zip(limbs, angles.sides, strict=True)]
     seen = [k for k, part in enumerate(parts) if motion.seen[part].mean() >= _MIN_SEEN]
     in_gait = angles.chosen([k for k in seen if angles.names[k] in GAIT_ANGLES])
     legs = motion.tracked & motion.seen["left_leg"] & motion.seen["right_leg"]
@@ -70,12 +71,6 @@ def measures_of(run: Run) -> Measures:
         kind, table, curves = "motion", _motion_table(motion, shown), _over_time(motion, shown)
     hidden = sorted({part.replace("_", " ") for part in parts} - {parts[k].replace("_", " ") for k in seen})
     return Measures(kind, table, curves, tuple(notes_of(run, GaitNotes(walk, motion, legs, hidden))))
-
-
-def _part(angle: str, side: str) -> str:
-    """Return the part of the body that determines an angle."""
-    limb = _LIMBS[angle.split("_")[0]]
-    return limb if limb == "torso" else f"{side}_{limb}"
 
 
 def _walk(motion: RecordedMotion, angles: JointAngles, valid: BoolArray) -> Walk | None:
@@ -90,7 +85,8 @@ def _gait_table(walk: Walk, angles: JointAngles) -> pd.DataFrame:
     n_strides = {side: len(strides) for side, strides in zip(SIDES, walk.strides, strict=True)}
     rows: list[tuple[object, ...]] = []
     for name, sides in walk.parameters.items():
-        base, unit = _name_and_unit(name)
+        suffix = next(each for each in _UNITS if name.endswith(each))
+        base, unit = name.removesuffix(suffix), _UNITS[suffix]
         scale = 100.0 if unit == "%" else 1.0
         rows += _rows(base, unit, {side: scale * values for side, values in sides.items()}, n_strides)
     for name in dict.fromkeys(angles.names):
@@ -117,12 +113,6 @@ def _columns(walk: Walk, angles: JointAngles) -> Iterator[tuple[int, str, AngleC
 _UNITS = {"_m_s": "m/s", "_steps_min": "steps/min", "_fraction": "%", "_m": "m", "_s": "s"}
 _SIGNED = ("step_width", "double_support")
 """Measures that may be negative, besides largest angles and differences."""
-
-
-def _name_and_unit(name: str) -> tuple[str, str]:
-    """Return a parameter's name without its unit, and the unit."""
-    suffix = next(each for each in _UNITS if name.endswith(each))
-    return name.removesuffix(suffix), _UNITS[suffix]
 
 
 def _rows(name: str, unit: str, sides: Mapping[str, FloatArray], counts: Mapping[str, int]) -> list[tuple[object, ...]]:
