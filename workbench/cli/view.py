@@ -100,15 +100,11 @@ def _readable(places: Sequence[Path]) -> list[Run]:
             omitted.append(f"{run.path}: the same run as {same.path}")
     for reason in omitted:
         print(f"workbench view: omitted: {reason}", file=sys.stderr)
-    if not by_id:
-        raise InputError(
-            f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none that can be opened"
-        )
-    if len(by_id) > 2:
-        raise InputError(
-            f"{', '.join(map(str, places))}: expected one or two recordings, found {len(by_id)}; "
-            "workbench report compares many"
-        )
+    listed, n = ", ".join(map(str, places)), len(by_id)
+    if not n:
+        raise InputError(f"{listed}: expected recordings (.rrd, .rrd.part), found none that can be opened")
+    if n > 2:
+        raise InputError(f"{listed}: expected one or two recordings, found {n}; workbench report compares many")
     return list(by_id.values())
 
 

@@ -252,7 +252,6 @@ def _report_people(tracked: TrackedPeople, detected: BoolArray) -> None:
 
 
 def _selected(tracked: TrackedPeople, person: Choice) -> int:
-    """Return the number of the target."""
     firsts = [next((tracked.assigned[t] for t in part if tracked.assigned[t]), None) for part in tracked.parts]
     if not any(firsts):
         several = "two cameras at once; check that the videos are synchronized and match the calibration"

@@ -55,9 +55,9 @@ def step_errors(
     the true joints are known; of an average person of the annotations' height, where joints are annotated.
 
     The calibration of the posterior is that of `step_calibration`; without a true pose, of the joints' coordinates.
-    mpjae_local_deg: mean angle between the
-    joints' estimated and true rotations relative to their parents. knee_flexion_rmse_deg, hip_flexion_rmse_deg: see
-    `flexion_errors`. activity_accuracy: 1 where the estimated activity is the true one, else 0.
+    mpjae_local_deg: mean angle between the joints' estimated and true rotations relative to their parents.
+    knee_flexion_rmse_deg, hip_flexion_rmse_deg: see `flexion_errors`. activity_accuracy: 1 where the estimated activity
+    is the true one, else 0.
 
     Parameters
     ----------

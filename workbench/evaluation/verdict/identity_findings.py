@@ -81,5 +81,4 @@ def _changes_of_size(joints: FloatArray, n: int) -> FloatArray:
 
 
 def _window(times_s: FloatArray, window_s: float) -> int:
-    """Return the number of frames of a window."""
     return max(_MIN_FRAMES, round(window_s / float(np.median(np.diff(times_s)))))

@@ -282,14 +282,12 @@ def stance(pelvis: FloatArray, ankles: FloatArray, times_s: FloatArray) -> Float
     ankles : (F, 2, 3), m, left and right.
     times_s : (F,), s.
     """
-    stances = np.full((len(times_s), 2), np.nan)
     velocity = walking_velocity(pelvis, times_s)
-    if not (walks := np.isfinite(velocity[:, 0])).any():
-        return stances
+    if not np.isfinite(velocity).any():
+        return np.full((len(times_s), 2), np.nan)
     relative = _velocity((ankles - pelvis[:, None])[..., :2], times_s, _STEP_S)
     forwards = np.einsum("fsk,fk->fs", relative, velocity)
-    stances[walks] = forwards[walks] < 0.0
-    return np.where(np.isfinite(forwards), stances, np.nan)
+    return np.where(np.isfinite(forwards), forwards < 0.0, np.nan)
 
 
 def _velocity(positions: FloatArray, times_s: FloatArray, reach_s: float) -> FloatArray:

@@ -72,8 +72,7 @@ class Recorder:
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
-        n_particles_shown: int = 20,
-        marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
+        n_particles_shown: int = 20, marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         video: bool = False, source_video: Path | None = None, camera_turns: bool = False,
         uninformative_metrics: Sequence[str] = (),
     ) -> None:  # fmt: skip
@@ -105,8 +104,9 @@ class Recorder:
         self._has_annotations, self._with_keypoints = False, set[str]()
         self._layout_input: layout.LayoutInput | None = None
         self._sent_layout: layout.LayoutInput | None = None
-        labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
-        self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
+        self._file = file.RecordingFile(
+            path, run_id=run_id, config_yaml=config_yaml, provenance=provenance, settings=settings, stream=stream
+        )
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
         self._surface = person_surface(body) if surface and can_mesh() else None
         if surface and self._surface is None:

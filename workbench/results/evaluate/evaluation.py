@@ -159,13 +159,10 @@ def score_table(estimates: Mapping[str, Sequence[Compared]]) -> pd.DataFrame:
     """
     rows, first = [], next(iter(estimates))
     for score, (title, unit, _) in SCORES.items():
-        values = {name: _values(each, score) for name, each in estimates.items()}
-        for name, each in values.items():
-            rows.append((score, title, unit, name, *_mean_and_interval(pd.Series(each))))
-        for name, each in values.items():
-            if name != first:
-                difference = pd.Series(each).sub(pd.Series(values[first])).dropna()
-                rows.append((score, title, unit, f"{name} − {first}", *_mean_and_interval(difference)))
+        values = {name: pd.Series(_values(each, score)) for name, each in estimates.items()}
+        others = {name: each for name, each in values.items() if name != first}
+        values |= {f"{name} − {first}": each.sub(values[first]).dropna() for name, each in others.items()}
+        rows += [(score, title, unit, name, *_mean_and_interval(each)) for name, each in values.items()]
     table = pd.DataFrame(rows, columns=["score", "title", "unit", "estimate", "value", "low_90", "high_90", "n"])
     return table[table["n"] > 0].reset_index(drop=True)
 
