@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,25 +15,16 @@ from workbench.utils.nan_statistics import nan_mean
 PCK_M = 0.15
 """Threshold of correct joints (Mehta et al., 3DV 2017), and the last one of the area under the curve."""
 LEVELS = (0.05, 0.95)
-
-
-class Score(NamedTuple):
-    """A score of the table: its title, unit, and number of decimals."""
-
-    title: str
-    unit: str
-    decimals: int
-
-
-SCORES: Mapping[str, Score] = MappingProxyType({
-    "mpjpe": Score("mean joint error", "mm", 1), "mpjpe_root": Score("the same, pelvis aligned", "mm", 1),
-    "pa_mpjpe": Score("the same, Procrustes", "mm", 1), "pck_150": Score("joints within 150 mm", "%", 1),
-    "auc_150": Score("area under the curve up to 150 mm", "%", 1),
-    "acceleration": Score(row_of("acceleration_error_m_s2").title, "m/s²", 2),
-    "missing": Score("joints missing", "%", 1),
-    "coverage_90": Score("coordinates in the 90 % intervals", "%", 1), "crps": Score("CRPS of coordinates", "mm", 1),
+SCORES: Mapping[str, tuple[str, str, int]] = MappingProxyType({
+    "mpjpe": ("mean joint error", "mm", 1), "mpjpe_root": ("the same, pelvis aligned", "mm", 1),
+    "pa_mpjpe": ("the same, Procrustes", "mm", 1), "pck_150": ("joints within 150 mm", "%", 1),
+    "auc_150": ("area under the curve up to 150 mm", "%", 1),
+    "acceleration": (row_of("acceleration_error_m_s2").title, "m/s²", 2),
+    "missing": ("joints missing", "%", 1),
+    "coverage_90": ("coordinates in the 90 % intervals", "%", 1), "crps": ("CRPS of coordinates", "mm", 1),
 })  # fmt: skip
-"""Scores in the order of the table. Means are over the joints without the pelvis, as of `pose_errors.step_errors`."""
+"""Title, unit and number of decimals of the scores, in the order of the table. Means are over the joints without the
+pelvis, as of `pose_errors.step_errors`."""
 _ANGLES = MappingProxyType({
     f"{side}_{parts[1]}": tuple(f"{side}_{part}" for part in parts)
     for side in ("left", "right") for parts in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))

@@ -14,7 +14,7 @@ from workbench.evaluation.gait.repetitions import angle_measures
 from workbench.evaluation.gait.stretches import rows_of_stretches
 from workbench.evaluation.gait.walk import Walk, walk_of
 from workbench.recording.read.reader import Run
-from workbench.results.measure.notes import GaitNotes, notes_of
+from workbench.results.measure.notes import notes_of
 from workbench.results.measure.recorded_motion import RecordedMotion, recorded_motion
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -70,7 +70,7 @@ def measures_of(run: Run) -> Measures:
         shown = angles.chosen(seen)
         kind, table, curves = "motion", _motion_table(motion, shown), _over_time(motion, shown)
     hidden = sorted({part.replace("_", " ") for part in parts} - {parts[k].replace("_", " ") for k in seen})
-    return Measures(kind, table, curves, tuple(notes_of(run, GaitNotes(walk, motion, legs, hidden))))
+    return Measures(kind, table, curves, tuple(notes_of(run, walk, motion, legs, hidden)))
 
 
 def _walk(motion: RecordedMotion, angles: JointAngles, valid: BoolArray) -> Walk | None:
