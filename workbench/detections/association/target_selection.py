@@ -85,11 +85,6 @@ class TrackedPeople:
     cuts: Sequence[int] = ()
 
     @property
-    def parts(self) -> list[IntArray]:
-        """The indices of the frames between cuts."""
-        return np.split(np.arange(len(self.frames)), np.searchsorted(self.frames, self.cuts))
-
-    @property
     def numbers(self) -> list[int]:
         """The people's numbers, increasing."""
         return sorted({number for frame in self.assigned for number in frame.values()})
@@ -252,7 +247,8 @@ def _report_people(tracked: TrackedPeople, detected: BoolArray) -> None:
 
 
 def _selected(tracked: TrackedPeople, person: Choice) -> int:
-    firsts = [next((tracked.assigned[t] for t in part if tracked.assigned[t]), None) for part in tracked.parts]
+    parts = np.split(np.arange(len(tracked.frames)), np.searchsorted(tracked.frames, tracked.cuts))
+    firsts = [next((tracked.assigned[t] for t in part if tracked.assigned[t]), None) for part in parts]
     if not any(firsts):
         several = "two cameras at once; check that the videos are synchronized and match the calibration"
         expected = several if len(tracked.names) > 1 else "the frames used"

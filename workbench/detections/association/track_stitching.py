@@ -92,10 +92,8 @@ def stitched(tracks: Tracks, times_s: FloatArray) -> tuple[Assignment, ...]:
 def joined(spans: Sequence[tuple[int, int]], log_odds: Callable[[int, int], float]) -> list[int]:
     """Return the person of each of n tracks, numbered from 0 in order of appearance.
 
-    Parameters
-    ----------
-    spans : first and last frame of the tracks, in order of the first.
-    log_odds : that an earlier and a later track are of one person rather than of two, by their indices.
+    spans: first and last frame of the tracks, in order of the first. log_odds: that an earlier and a later track are of
+    one person rather than of two, by their indices.
     """
     n = len(spans)
     costs = np.full((n, 2 * n), np.inf)
