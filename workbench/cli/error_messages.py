@@ -17,8 +17,7 @@ from workbench.utils.signals import Interrupted
 
 _BAD_INPUT = (InputError, HydraException, OmegaConfBaseException)
 _OF_HYDRA = ("Expected header format: KEY VALUE", "Config group override must be a string or a list")
-"""Hydra's ValueErrors for a configuration file whose first line is a header of another form, and for a number as an
-option."""
+"""Hydra's ValueErrors for a header of another form in a file's first line, and for a number as an option."""
 _NO_MEMORY = re.compile("allocate memory|failed to map segment|out of memory|std::bad_alloc", re.IGNORECASE)
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")

@@ -154,8 +154,7 @@ def drawn(picture: Picture, lost: bool = False, hidden: Set[str] = frozenset()) 
 def _draw_limbs(
     image: ByteArray, lines: FloatArray, confidence: Mapping[str, float], width: int, hidden: Set[str]
 ) -> None:
-    """Draw the lines (C, k, 2) of a person's skeleton but for hidden joints, those of another body or of a part of it
-    in one colour."""
+    """Draw the lines (C, k, 2) of a skeleton without hidden joints, of another body than a person's in one colour."""
     person = _CHAINS.get(lines.shape[:2])
     of_person = person is not None
     for line, names in zip(lines, person or [[""] * lines.shape[1]] * len(lines), strict=True):

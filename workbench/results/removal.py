@@ -72,8 +72,7 @@ def remove(path: Path, started: str) -> None:
 
 
 def _move_aside(path: Path, aside: Path) -> None:
-    """Rename a run's folder or recording; in a folder with earlier runs move the run's files and restore the last
-    one."""
+    """Rename a run's folder or recording; with earlier runs in it, move the run's files and restore the last one."""
     if not (earlier := earlier_runs(path)):
         os.rename(path, aside)
         return

@@ -187,8 +187,7 @@ def _views(people: Mapping[str, People], cameras: Mapping[str, Camera] | None) -
 
 
 def _in_frame(people: People, frame: int) -> tuple[FloatArray, IntArray]:
-    """Return the joints (n, J, 3) of the likeliest _MAX_PEOPLE detected in a frame, and their identities (n,), -1
-    without."""
+    """Return the joints (n, J, 3) of the likeliest _MAX_PEOPLE people in a frame, and their identities (n,), or -1."""
     row = int(np.searchsorted(people.frames, frame))
     if row == len(people.frames) or people.frames[row] != frame:
         return np.empty((0, len(JOINT_NAMES), 3)), np.empty(0, dtype=np.intp)

@@ -28,8 +28,7 @@ _MIN_HEAT = 0.5
 
 @dataclass(frozen=True)
 class Region:
-    """A square region of an image. u, v: its centre, px. side: px. angle: from the image's up to the region's, rad,
-    clockwise."""
+    """A square of an image. u, v: its centre, px. side: px. angle: from the image's up to its own, rad, clockwise."""
 
     u: float
     v: float

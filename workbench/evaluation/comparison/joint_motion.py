@@ -63,8 +63,7 @@ class JointMotion:
 
 
 def with_pelvis(names: Sequence[str], positions: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the joints (F, J, 3) in the order of JOINT_NAMES, the pelvis in the middle of the hips where it is not
-    given."""
+    """Return the joints (F, J, 3) in the order of JOINT_NAMES, the pelvis, if absent, in the middle of the hips."""
     index = {name: positions[:, k] for k, name in enumerate(names)}
     if "pelvis" not in index and {"left_hip", "right_hip"} <= set(index):
         index["pelvis"] = 0.5 * (index["left_hip"] + index["right_hip"])

@@ -103,8 +103,7 @@ def joint_angles(names: Sequence[str], positions: FloatArray) -> dict[str, Float
 
 
 def _flexion_deg(joints: FloatArray) -> FloatArray:
-    """Return the angle (F,), degrees, between the limbs from the first to the second and to the third joint of (F, 3,
-    3)."""
+    """Return the flexion (F,), degrees, 0 if straight, of limbs that meet in the second of three joints (F, 3, 3)."""
     upper, lower = joints[:, 1] - joints[:, 0], joints[:, 2] - joints[:, 1]
     across = np.linalg.norm(np.cross(upper, lower), axis=-1)
     return np.asarray(np.degrees(np.arctan2(across, (upper * lower).sum(axis=-1))))

@@ -101,8 +101,7 @@ def _toe_off(leaving: FloatArray, strike: float, stride: float) -> FloatArray:
 
 
 def _near_maximum(values: FloatArray, expected: int, stride: float) -> FloatArray:
-    """Return where values (M, F) are largest within _REFINED of a stride from a frame, by a parabola through three
-    frames."""
+    """Return where values (M, F) are largest within _REFINED of a stride from a frame, by a parabola."""
     reach = max(round(_REFINED * stride), 1)
     first = max(expected - reach, 0)
     place = first + np.argmax(values[:, first : expected + reach + 1], axis=1)

@@ -24,8 +24,7 @@ BELT_SPEED = 0.5
 """Backward speed of standing feet over the speed relative to the pelvis from which on they stand on a belt: half way
 from the ground, where it is about 0, to a treadmill, where it is about 1."""
 SLIDING_SPEED = 0.25
-"""The same, in either direction, from which on feet slide on the ground: the largest of recorded walks is 0.05, of a
-run 0.1."""
+"""The same, in either direction, from which on feet slide on the ground: recorded walks reach 0.05, a run 0.1."""
 _LOADED = 0.15
 """Part of the stride after a strike at which a run's leg is bent most and a walk's leg carries the pelvis up."""
 _FLAT_FROM, _FLAT_TO = 0.25, 0.45

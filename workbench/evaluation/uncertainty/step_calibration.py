@@ -161,8 +161,7 @@ def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
 
 
 def expected_errors(step: Step, skeleton: Skeleton, relative: bool = False) -> dict[str, float]:
-    """Return expected_error_<group>_mm: the means of the joints' `expected_distances`, the error of the group that the
-    posterior predicts."""
+    """Return expected_error_<group>_mm, the error of a group that the posterior predicts: mean `expected_distances`."""
     distances = 1e3 * expected_distances(step, skeleton, relative)
     return {
         f"expected_error_{group}_mm": float(np.add.reduce(distances[members]) / len(members))  # faster than the mean
@@ -188,8 +187,7 @@ def expected_distances(step: Step, skeleton: Skeleton, relative: bool = False) -
 
 
 def group_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
-    """Return mpjpe_abs_<group>_mm: the mean distance of the expected pose's joints from those true ones that are
-    known."""
+    """Return mpjpe_abs_<group>_mm: the mean distance of the expected pose's joints from the known true ones."""
     truth = step.frame.truth
     if truth is None or truth.joints is None:
         return {}

@@ -49,8 +49,7 @@ def another_person(measured: RunMeasurements) -> BoolArray:
 
 
 def _changes(measured: RunMeasurements) -> list[tuple[float, int]]:
-    """Return the sudden changes of the logarithm of the person's size, and the rows of the frames from which on they
-    are, in order."""
+    """Return the sudden changes of the logarithm of the person's size, and the rows of their frames, in order."""
     observed, times_s = measured.observed, measured.times_s
     if not measured.has_keypoints or len(times_s) < 2 or (np.diff(times_s) <= 0.0).any():
         return []

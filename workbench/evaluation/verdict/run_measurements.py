@@ -248,8 +248,7 @@ def _uncertain(errors: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def _depth_std(step: Step) -> float:
-    """Return the standard deviation, m, of the root's depth in the only camera; NaN for another number of cameras or a
-    single particle."""
+    """Return the standard deviation, m, of the root's depth in the only camera; NaN for several, or one particle."""
     if len(step.frame.views) != 1 or len(step.poses) < 2:
         return float("nan")
     depths, weights = step.poses[:, :N_POSITION] @ step.frame.views[0].camera.rotation[2], np.exp(step.log_weights)

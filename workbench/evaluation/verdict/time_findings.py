@@ -30,8 +30,7 @@ than every fifth step is missing; with less than the second, most of the motion.
 
 
 def tracked_frames(measured: RunMeasurements, input_counts: Mapping[str, int], states: Sequence[str]) -> str:
-    """Return in how many frames of the video the person is tracked, "" without detections; parameters as of
-    `lost_person`."""
+    """Return in how many frames of the video the person is tracked, "" without detections; see `lost_person`."""
     if not (n := input_counts.get("frames", 0)):
         return ""
     seen, empty = n - input_counts.get("frames_unseen", 0), input_counts.get("frames_empty", 0)

@@ -135,8 +135,7 @@ def _described_loss(
 
 
 def _recovery(measured: RunMeasurements, joints: JointStates, end: int) -> str:
-    """Describe the recovery after a loss that ends before frame index `end`: where all joints stay tracked, or which
-    joints do not."""
+    """Describe the recovery from a loss up to frame `end`, excluded: where all joints stay tracked, or which do not."""
     away = (joints.seen & (joints.far | joints.lost))[end:]
     if not away.any():
         return f"recovered from frame {measured.frames[end]}"

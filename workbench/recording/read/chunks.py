@@ -127,8 +127,7 @@ _END = 0
 
 
 def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
-    """Return the offset of the end of the last whole message before the index; begin: offset of the first message
-    read."""
+    """Return the offset of the end of the last whole message before the index; begin: of the first message read."""
     size, place = os.fstat(file.fileno()).st_size, begin
     while place + 16 <= size:
         file.seek(place)

@@ -78,8 +78,7 @@ class Run:
 
     @property
     def status(self) -> str:
-        """complete, stopped (early, by a condition), failed (by an exception), interrupted, or running (also if
-        killed)."""
+        """complete, stopped (by a condition), failed (by an exception), interrupted, or running (also if killed)."""
         return str(self.properties["run"]["status"])
 
     @property

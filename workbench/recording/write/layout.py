@@ -274,8 +274,7 @@ def _metrics(name: str, metrics: Sequence[str], data: LayoutInput) -> rrb.TimeSe
 
 
 def _metric(metric: str, data: LayoutInput, maximum: float | None = None, name: str = "") -> rrb.TimeSeriesView:
-    """Return a plot of one metric with its reference value; its axis has the values from 0 to a maximum, or those of
-    the metric."""
+    """Return a plot of one metric with its reference value; its axis is from 0 to a maximum, or the metric's."""
     contents = [f"/{path}" for path in (f"metrics/{metric}", *styles.guides([metric]))]
     margin = 0.06 * (maximum or 0.0)  # else the viewer cuts the labels at the ends
     axis = None if maximum is None else rrb.ScalarAxis(range=(-margin, maximum + margin))
