@@ -133,8 +133,7 @@ def drawn(picture: Picture, lost: bool = False, hidden: Set[str] = frozenset()) 
     """Return a picture's image with its skeletons, (height, width, 3) BGR, of even size.
 
     Left and right limbs have two colours. A limb is the fainter the less confident the detector is of its ends; one of
-    which an end is hidden, by name, is not drawn. A frame without an estimate has a red frame, as one in which the
-    person is lost.
+    which an end is hidden, by name, is not drawn. A frame without an estimate has a red frame, as a lost one.
     """
     grey = picture.image.ndim == 2
     flag = cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_RGB2BGR

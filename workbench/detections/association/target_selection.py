@@ -73,8 +73,7 @@ class TrackedPeople:
     joints : (n, J, 3) by frame and view, see `People`.
     assigned : people's numbers of the detections, by frame.
     log_odds : (T,) of the assignments, see `Tracks`.
-    cuts : numbers of the frames that begin another part of an edited film, increasing, between the first frame and the
-        last.
+    cuts : numbers of the frames that begin another part of an edited film, increasing, within the frames.
     """
 
     names: Sequence[str]

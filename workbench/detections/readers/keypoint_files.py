@@ -52,8 +52,7 @@ def read_points(path: str | Path) -> DetectedPoints:
     """Return the points in a folder of JSON or text files, one per frame, or in a JSON or CSV file of all frames.
 
     Coordinates that are NaN, null or (0, 0), and points of confidence 0, are missing points. The order of people in a
-    frame is arbitrary, see `detections.association`. Raises InputError for files of another format, and if no person is
-    detected.
+    frame is arbitrary, see `detections.association`. Raises InputError for another format, and without a person.
     """
     path = Path(path)
     if path.suffix.lower() in _HDF5 and path.is_file():

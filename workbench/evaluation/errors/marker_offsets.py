@@ -27,8 +27,7 @@ class MarkerOffsets:
     not replace it.
 
     mpjpe_abs_offset_corrected_mm and mpjpe_offset_corrected_mm are mpjpe_abs_mm and mpjpe_mm, corrected by offsets that
-    are medians over all frames. They are lower bounds over the definitions of a joint, since the offsets are fitted to
-    the same errors.
+    are medians over all frames. They are lower bounds over the definitions of a joint, fitted to the same errors.
 
     Parameters
     ----------

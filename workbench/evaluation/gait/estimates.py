@@ -29,8 +29,7 @@ def expected_extremes(values: FloatArray) -> FloatArray:
     """Return extremes (M, ...) in M motions, such as ranges, with the mean of the samples' in place of the expected
     motion's, for at least MIN_SAMPLES samples.
 
-    The expected motion is the mean of motions whose extremes differ in size and time: its range is smaller than their
-    mean range.
+    The expected motion is the mean of motions whose extremes differ in size and time: its range is below their mean.
     """
     if len(values) <= MIN_SAMPLES:
         return values

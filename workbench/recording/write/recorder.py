@@ -48,8 +48,7 @@ class Recorder:
 
     It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_S, less often in long
     runs. Images are encoded on a thread while the next step is computed. Cameras are static; their images are
-    undistorted, since the viewer's pinhole has no distortion. A run without views is shown by its path through the
-    world.
+    undistorted, since the viewer's pinhole has no distortion. A run without views is shown by its path.
 
     Parameters
     ----------
