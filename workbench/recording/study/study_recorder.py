@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import groupby
-from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -12,8 +11,6 @@ from workbench.core.study import Figure, Sticks, StudyResult
 from workbench.recording.study.figures import numbers
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.file import RecordingFile, arrow
-
-View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
 
 _WINDOW, _TITLE = (1500.0, 690.0), 26.0
 """Size of a page of figures, and height of a view's title bar, points."""
@@ -53,7 +50,7 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     file.stream.send_blueprint(rrb.Blueprint(content, hidden, auto_views=False, collapse_panels=True))
 
 
-def _record(file: RecordingFile, figure: Figure, order: int, width: float, height: float) -> View:
+def _record(file: RecordingFile, figure: Figure, order: int, width: float, height: float) -> rrb.View:
     path, title = entity(figure), figure.name.rpartition("/")[2]
     file.stream.log(path, arrow(numbers(figure) | {"order": order}), static=True)
     if isinstance(figure, Sticks):
