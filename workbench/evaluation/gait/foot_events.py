@@ -95,9 +95,7 @@ def _toe_off(leaving: FloatArray, strike: float, stride: float) -> FloatArray:
     if end - first < 3:
         return unknown
     expected = first + int(np.argmax(leaving[0, first:end]))
-    if expected == 0:
-        return unknown
-    return _near_maximum(leaving, expected, stride)
+    return unknown if expected == 0 else _near_maximum(leaving, expected, stride)
 
 
 def _near_maximum(values: FloatArray, expected: int, stride: float) -> FloatArray:
