@@ -34,8 +34,6 @@ _LONG_GAP_S = 0.5
 """Gaps in the detections of a view above this duration are reported."""
 _MIN_LOG_ODDS = np.log(20.0)
 """Assignments with lower log odds are reported as uncertain."""
-_MAX_PEOPLE = 200
-"""People considered in a frame and view, the likeliest, as the time grows with their square."""
 _WALK_SPREAD = 0.05
 """Mean standard deviation of a walking person's joints about their centre, in heights: ankles swing by a quarter of the
 height, wrists by a sixth; head, shoulders and hips hardly."""
@@ -186,14 +184,13 @@ def _views(people: Mapping[str, People], cameras: Mapping[str, Camera] | None) -
 
 
 def _in_frame(people: People, frame: int) -> tuple[FloatArray, IntArray]:
-    """Return the joints (n, J, 3) of the likeliest _MAX_PEOPLE people in a frame, and their identities (n,), or -1."""
+    """Return the joints (n, J, 3) of the people in a frame, and their identities (n,), -1 without."""
     row = int(np.searchsorted(people.frames, frame))
     if row == len(people.frames) or people.frames[row] != frame:
         return np.empty((0, len(JOINT_NAMES), 3)), np.empty(0, dtype=np.intp)
     joints = people.joints[row]
     identities = np.full(len(joints), -1) if people.identities is None else people.identities[row]
-    likeliest = np.sort(np.argsort(-np.nansum(joints[..., 2], axis=1), kind="stable")[:_MAX_PEOPLE])
-    return joints[likeliest], identities[likeliest]
+    return joints, identities
 
 
 def _counts(tracked: TrackedPeople, target: int, within: tuple[int, int | None]) -> dict[str, int]:

@@ -50,8 +50,6 @@ def step_gains(pixels: FloatArray, times_s: FloatArray) -> FloatArray:
     steps; its standard deviation follows from what remains. pixels: (V, F, J, 2), px, or NaN. times_s: (F,), s.
     """
     gains, n_steps = np.full(len(times_s), np.nan), len(times_s) - 1
-    if n_steps < 5:
-        return gains
     velocities = np.diff(pixels, axis=1) / np.diff(times_s)[:, None, None]
     steps = [velocities[:, shift : n_steps - 4 + shift] for shift in range(5)]
     now, around = steps[2], nan_median(np.stack([*steps[:2], *steps[3:]], axis=-1))
