@@ -47,7 +47,7 @@ def step_gains(pixels: FloatArray, times_s: FloatArray) -> FloatArray:
     where the motion does not determine it, and at the ends.
 
     The factor is the projection of the velocities of all joints in all cameras on the medians of the neighbouring
-    steps; its standard deviation follows from what remains. pixels: (V, F, J, 2), px, or NaN. times_s: (F,), s.
+    steps; its standard deviation follows from what remains. pixels: (V, F, J, 2), px, or NaN. times_s: (F,), s, F ≥ 6.
     """
     gains, n_steps = np.full(len(times_s), np.nan), len(times_s) - 1
     velocities = np.diff(pixels, axis=1) / np.diff(times_s)[:, None, None]
