@@ -51,13 +51,13 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
             part.unlink(missing_ok=True)  # another process may remove the folder
 
 
-def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write texts to files of these names in a folder, atomically, and return their paths; existing files are
+def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+    """Write files of these names in a folder, texts as UTF-8, atomically, and return their paths; existing files are
     replaced. Raises InputError as `whole_file`."""
-    for name, text in texts.items():
+    for name, content in contents.items():
         with whole_file(folder / name, parents=True) as part:
-            part.write_text(text, encoding="utf-8", newline="\n")
-    return [folder / name for name in texts]
+            part.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return [folder / name for name in contents]
 
 
 @contextmanager

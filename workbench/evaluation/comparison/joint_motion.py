@@ -36,9 +36,8 @@ class JointMotion:
     def of_joints(self, names: Sequence[str]) -> "JointMotion":
         """Return the motion of some of its joints, in this order."""
         rows = [self.names.index(name) for name in names]
-        return replace(
-            self, names=tuple(names), positions=self.positions[:, rows], samples=self.samples[:, :, rows]
-        )  # fmt: skip
+        positions, samples = self.positions[:, rows], self.samples[:, :, rows]
+        return replace(self, names=tuple(names), positions=positions, samples=samples)
 
     def at(self, times_s: FloatArray) -> "JointMotion":
         """Return the motion at times (T,), s, interpolated linearly; NaN outside of the frames and in gaps."""

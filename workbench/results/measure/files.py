@@ -7,14 +7,14 @@ import pandas as pd
 
 from workbench.results.measure.measures import Curve, Measures
 from workbench.results.measure.page import page
-from workbench.utils.atomic_write import write_texts
+from workbench.utils.atomic_write import write_files
 
 MEASURES, ANGLES, PAGE = "measures.csv", "angles.csv", "measures.html"
 _DIGITS, _ANGLE_DIGITS = 6, 3
 
 
 def write_measures(folder: Path, name: str, measures: Measures) -> list[Path]:
-    """Write the files of the measures of a run of this name into a folder, see `write_texts`.
+    """Write the files of the measures of a run of this name into a folder, see `write_files`.
 
     measures.csv: a row for each measure and side, with estimate and 90 % interval, empty where unknown. angles.csv: a
     row for each point of each curve, degrees, over percent of the cycle, with the strides, or over seconds.
@@ -24,7 +24,7 @@ def write_measures(folder: Path, name: str, measures: Measures) -> list[Path]:
         ANGLES: angle_table(measures).round(_ANGLE_DIGITS).to_csv(index=False),
         PAGE: page(f"Measures of {name}", measures),
     }
-    return write_texts(folder, texts)
+    return write_files(folder, texts)
 
 
 def angle_table(measures: Measures) -> pd.DataFrame:
