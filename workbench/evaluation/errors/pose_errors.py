@@ -44,9 +44,8 @@ def step_errors(
     largest weight. Means are over the joints below the parameters `moving`, without the root: 14 of a person, elbow and
     wrist of a tracked arm.
 
-    mpjpe_abs_mm: mean joint error in the world. mpjpe_mm: the same after aligning the roots. pa_mpjpe_mm: after
-    Procrustes alignment. humaneva_mm: over all joints with the root, HumanEva's 15, or over HumanEva's own markers
-    where the truth has them. pck_abs_150mm: fraction of the joints within 15 cm.
+    They are defined in `metrics.METRICS`. humaneva_mm is over all joints with the root, HumanEva's 15, or over
+    HumanEva's own markers where the truth has them.
 
     mpjpe_px: mean joint error in the first view, in pixels of the unscaled image; over the visible annotations where
     joints are annotated. humaneva_px: the same over all views. The estimate is projected by the assumed camera, and the
@@ -55,9 +54,6 @@ def step_errors(
     the true joints are known; of an average person of the annotations' height, where joints are annotated.
 
     The calibration of the posterior is that of `step_calibration`; without a true pose, of the joints' coordinates.
-    mpjae_local_deg: mean angle between the joints' estimated and true rotations relative to their parents.
-    knee_flexion_rmse_deg, hip_flexion_rmse_deg: see `flexion_errors`. activity_accuracy: 1 where the estimated activity
-    is the true one, else 0.
 
     Parameters
     ----------
