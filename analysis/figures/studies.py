@@ -7,7 +7,7 @@ from matplotlib.collections import LineCollection
 from analysis.figures.style import bare
 from workbench.core.study import Curves, Figure, Sticks
 from workbench.recording.read.reader import Run
-from workbench.recording.study.drawing import SERIES, TRUTH
+from workbench.recording.study.drawing import TRUTH
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -31,15 +31,13 @@ def curves_named(run: Run, name: str) -> Curves:
 
 
 def sticks(axes: Axes, figure: Sticks) -> None:
-    """Draw stick figures and their trails, from the side; those of shade 1 are the reference."""
+    """Draw stick figures from the side; those of shade 1 are the reference."""
     flat = projected(figure.positions, AZIMUTH_DEG, ELEVATION_DEG)
     bones = np.flatnonzero(figure.parents >= 0)
     for pose, shade in zip(flat, figure.shades, strict=True):
         lines = np.stack([pose[bones], pose[figure.parents[bones]]], axis=1)
         colour, width = (TRUTH, 1.4) if shade == 1.0 else ((0.2 + 0.6 * float(shade),) * 3, 0.7)
         axes.add_collection(LineCollection(list(lines), colors=[colour], linewidths=width))
-    for k, trail in enumerate(figure.trails.values()):
-        axes.plot(*projected(trail, AZIMUTH_DEG, ELEVATION_DEG).T, color=SERIES[k % len(SERIES)], linewidth=1.1)
     axes.autoscale_view()
     bare(axes)
 

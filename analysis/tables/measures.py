@@ -24,7 +24,7 @@ from workbench.body.shape import Shape
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.body.stature import SIDES
 from workbench.cameras.camera import Camera, plain_camera
-from workbench.evaluation.gait.estimates import estimate_of, mean_known
+from workbench.evaluation.gait.estimates import bands_of
 from workbench.evaluation.gait.joint_angles import joint_angles
 from workbench.evaluation.gait.stretches import rows_of_stretches
 from workbench.evaluation.gait.walk import Walk, walk_of
@@ -32,6 +32,7 @@ from workbench.experiment.tracking import assemble, track
 from workbench.motion.sources import find_motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.nan_statistics import nan_mean
 from workbench.utils.parallel import single_blas_thread
 from workbench.utils.rng import stream
 
@@ -95,10 +96,10 @@ def measured(number: int, data: Path, setting: str) -> Measured | None:
     covered = {}
     truths = values(true)
     for name, samples in values(estimate).items():
-        each, truth = estimate_of(samples), float(truths[name][0])
-        errors[name] = [100.0 * (each.value / truth - 1.0) if name in _RELATIVE else each.value - truth]
-        if np.isfinite([each.value, truth]).all():
-            covered[name] = each.low <= truth <= each.high
+        (value, low, high), truth = (float(each[0]) for each in bands_of(samples[:, None])), float(truths[name][0])
+        errors[name] = [100.0 * (value / truth - 1.0) if name in _RELATIVE else value - truth]
+        if np.isfinite([value, truth]).all():
+            covered[name] = low <= truth <= high
     return Measured(errors, covered)
 
 
@@ -153,7 +154,7 @@ def values(measured_walk: Walk) -> dict[str, FloatArray]:
     ranges = [np.degrees(cycles.ranges[:, k]) for cycles, k in zip(measured_walk.cycles, knees, strict=True) if cycles]
     return {
         "speed": given["speed_m_s"]["both"], "cadence": given["cadence_steps_min"]["both"],
-        "step_length": 100.0 * mean_known(np.stack([given["step_length_m"][side] for side in SIDES], axis=1)),
+        "step_length": 100.0 * nan_mean(np.stack([given["step_length_m"][side] for side in SIDES], axis=1)),
         "knee_range": np.mean(ranges, axis=0),
     }  # fmt: skip
 

@@ -189,3 +189,8 @@ def _offsets(shape: Shape) -> dict[str, Triple]:
         lengths = {"elbow": shape.upper_arm, "wrist": shape.forearm, "knee": shape.thigh, "ankle": shape.calf}
         offsets |= {f"{side}_{joint}": (0.0, 0.0, -length) for joint, length in lengths.items()}
     return offsets
+
+
+def joint_of(joints: FloatArray, name: str) -> FloatArray:
+    """Return the positions (..., D) of a joint, of joints (..., J, D) in the order of JOINT_NAMES."""
+    return joints[..., JOINT_NAMES.index(name), :]

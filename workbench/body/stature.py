@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import joint_of
 from workbench.utils.arrays import FloatArray
 
 LIMBS = {
@@ -20,7 +20,8 @@ def limb_lengths(joints: FloatArray) -> dict[str, float]:
     """Return the limbs' lengths, m, medians over sides and frames of joints (F, J, 3), m; of limbs in any frame."""
     lengths = {}
     for limb, ends in LIMBS.items():
-        each = [np.linalg.norm(_of(joints, side, ends[0]) - _of(joints, side, ends[1]), axis=1) for side in SIDES]
+        sides = [[joint_of(joints, f"{side}_{end}") for end in ends] for side in SIDES]
+        each = [np.linalg.norm(upper - lower, axis=1) for upper, lower in sides]
         valid = np.concatenate(each)
         valid = valid[np.isfinite(valid)]
         if len(valid):
@@ -47,7 +48,3 @@ def stature(joints: Mapping[str, FloatArray]) -> float | None:
                 if np.isfinite(lengths).any():
                     heights.append(np.nanmedian(lengths) / getattr(average, limb))
     return float(np.median(heights)) if heights else None
-
-
-def _of(joints: FloatArray, side: str, name: str) -> FloatArray:
-    return joints[:, JOINT_NAMES.index(f"{side}_{name}")]

@@ -15,7 +15,7 @@ from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import current_defaults
 from workbench.experiment.repeat import changes
-from workbench.recording.read.reader import Run, find_recordings
+from workbench.recording.read.reader import Run
 from workbench.recording.side_by_side import write_side_by_side
 from workbench.results.check.against import check_against
 from workbench.results.check.outcome import Check, exit_code, moved, notes, table, write_junit
@@ -74,9 +74,9 @@ def check(
         raise InputError("--paired uses the recorded seeds; remove seed=")
     allow_packages(packages_in(overrides))
     overrides = [quoted(text) for text in overrides if not text.startswith("component_packages=")]
-    if not (paths := find_recordings(*places)):
+    runs, checks = read_sound(places)
+    if not runs and not checks:
         raise InputError(f"{', '.join(map(str, places)) or 'no folder'}: expected recordings (.rrd), found none")
-    runs, checks = read_sound(paths)
     prepare_hydra()
     with TemporaryDirectory(prefix="workbench-") if output is None else nullcontext(output) as folder:
         request = Request(overrides, current_defaults(overrides), Path(folder), exact)

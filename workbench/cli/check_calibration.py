@@ -18,7 +18,7 @@ from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import allow_packages, packages_in
 from workbench.recording.write import styles
-from workbench.utils.atomic_write import whole_file
+from workbench.utils.atomic_write import write_files
 from workbench.utils.errors import InputError
 from workbench.utils.finding import NOTE, TRUSTWORTHY, Finding, conclusion
 
@@ -73,7 +73,7 @@ def _composed(overrides: Sequence[str]) -> DictConfig:
 
 def _draw(observed: ObservedJoints, check: CalibrationCheck, folder: Path) -> list[Path]:
     """Write an image for each camera, named after it; return the files."""
-    files = []
+    files = dict[str, bytes]()
     for v, (camera, image) in enumerate(zip(observed.cameras, observed.images, strict=True)):
         empty = np.full((observed.keypoints.shape[2], 3), np.nan)
         marks, joints = (
@@ -81,7 +81,5 @@ def _draw(observed: ObservedJoints, check: CalibrationCheck, folder: Path) -> li
         )
         overlay = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0, styles.ESTIMATE, styles.KEYPOINT)
         name = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in camera.name) or "camera"
-        files.append(folder / f"{name}.png")
-        with whole_file(files[-1], parents=True) as part:
-            part.write_bytes(cv2.imencode(".png", cv2.cvtColor(overlay, cv2.COLOR_RGB2BGR))[1].tobytes())
-    return files
+        files[f"{name}.png"] = cv2.imencode(".png", overlay[..., ::-1])[1].tobytes()
+    return write_files(folder, files)

@@ -80,9 +80,7 @@ def _described(place: str) -> str:
     option = options(group)[name]
     if option.target is None:
         return f"{place}\n{option.text.rstrip()}"
-    from workbench.experiment.config.instantiate import (
-        import_target,
-    )  # imported here, as listing the options does not need it
+    from workbench.experiment.config.instantiate import import_target  # here, as the options are listed without it
 
     target = import_target(option.target)
     first, _, _ = (inspect.getdoc(target) or "").partition("\n\n")

@@ -58,7 +58,6 @@ def detect(
 
 
 def _tracked(video: Path, folder: Path) -> TrackedPeople:
-    """Return all people in the detections of a video."""
     changes, is_video = ImageChanges(), frame_rate(video) is not None
     times = frame_times(video, timestamps(video, None, changes.add)) if is_video else AT_30_HZ
     for image in () if is_video else decode(video):

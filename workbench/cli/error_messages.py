@@ -17,8 +17,7 @@ from workbench.utils.signals import Interrupted
 
 _BAD_INPUT = (InputError, HydraException, OmegaConfBaseException)
 _OF_HYDRA = ("Expected header format: KEY VALUE", "Config group override must be a string or a list")
-"""Hydra's ValueErrors for a configuration file whose first line is a header of another form, and for a number as an
-option."""
+"""Hydra's ValueErrors for a header of another form in a file's first line, and for a number as an option."""
 _NO_MEMORY = re.compile("allocate memory|failed to map segment|out of memory|std::bad_alloc", re.IGNORECASE)
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")
@@ -110,7 +109,10 @@ def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "")
     experiment: the experiment whose file contains the option or key.
     """
     if option := _OPTION.search(whole):
-        return _unknown_option(option[1], option[2])
+        from workbench.experiment.config.options import options
+
+        group, name = option.groups()
+        return _unknown(f"{group}: there is no option {name!r}", name, sorted(options(group)), f"{group}=")
     if not (key := _KEY.search(whole)):
         return [whole]
     place, keys, component = _PLACE.search(whole), _keys(chain), _COMPONENT.search(whole)
@@ -122,12 +124,6 @@ def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "")
             f"use experiment=custom with {group}=…, or the {group} of experiment={experiment}"
         ]
     return _unknown(f"there is no key {name}", key[1], keys, f"{before}." if before else "") if keys else [whole]
-
-
-def _unknown_option(group: str, name: str) -> list[str]:
-    from workbench.experiment.config.options import options
-
-    return _unknown(f"{group}: there is no option {name!r}", name, sorted(options(group)), f"{group}=")
 
 
 def _unknown(message: str, name: str, names: Sequence[str], before: str = "") -> list[str]:

@@ -7,17 +7,11 @@ import typer
 
 from workbench.evaluation.comparison.alignment import ALIGNMENTS, NONE
 from workbench.evaluation.comparison.joint_motion import JointMotion
+from workbench.motion.sources import Reading
 from workbench.recording.write.two_skeletons import write_two_skeletons
-from workbench.results.evaluate.evaluation import (
-    Compared,
-    angle_table,
-    compared,
-    joint_table,
-    score_table,
-    trials_of,
-)
+from workbench.results.evaluate.evaluation import Compared, angle_table, compared, joint_table, score_table, trials_of
 from workbench.results.evaluate.files import display, write_tables
-from workbench.results.evaluate.joint_files import Given, read_joints
+from workbench.results.evaluate.joint_files import read_joints
 from workbench.results.formatting import text
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import RECORDING
@@ -66,30 +60,28 @@ def evaluate(
     """
     if align not in ALIGNMENTS:
         raise InputError(f"--align: expected one of {', '.join(ALIGNMENTS)}, found {align!r}")
-    given, truths, scored = Given(unit, up, rate), dict[Path, JointMotion](), dict[str, list[Compared]]()
+    given, truths, scored = Reading(unit, up, rate), dict[Path, JointMotion](), dict[str, list[Compared]]()
     for name, estimate in zip(_names(estimates), estimates, strict=True):
         scored[name] = []
-        for trial, own, true in trials_of(estimate, truth):
-            if true not in truths:
-                truths[true] = read_joints(true, Given(rate_hz=truth_rate), truth=True)
-            one = compared(trial, read_joints(own, given), truths[true], align, offset)
+        for trial, own_file, true_file in trials_of(estimate, truth):
+            if true_file not in truths:
+                truths[true_file] = read_joints(true_file, Reading(rate_hz=truth_rate), truth=True)
+            one = compared(trial, read_joints(own_file, given), truths[true_file], align, offset)
             scored[name].append(one)
             for note in one.notes:
                 print(printable(note))
     scores = score_table(scored)
-    if scores.empty:  # only angles
-        print(f"\n{text(angle_table(scored).round(2).astype(object))}")
-    else:
-        print(f"\n{text(display(scores))}")
+    shown = angle_table(scored).round(2).astype(object) if scores.empty else display(scores)
+    print(f"\n{text(shown)}")
     parts = "trials" if max(map(len, scored.values())) > 1 else "seconds of the trial"
     words = f"; [90 % intervals] over the {parts}" if scores["low_90"].notna().any() else ""
     print(f"\nalignment: {align}{words}")
     if output is not None:
         paths = write_tables(output, scores, joint_table(scored), angle_table(scored))
         for name, trials in scored.items():
-            for one in (each for each in trials if each.names):
-                path = output / f"{name}_{one.trial}.rrd"
-                write_two_skeletons(path, one.names, one.truth.times_s, one.estimate.positions, one.truth.positions)
+            for one in (each for each in trials if each.truth.names):
+                path, own, true = output / f"{name}_{one.trial}.rrd", one.estimate, one.truth
+                write_two_skeletons(path, true.names, true.times_s, own.positions, true.positions)
                 paths.append(path)
         print(f"written: {', '.join(map(str, paths))}")
 

@@ -30,9 +30,7 @@ _Y_UP = "y is up, z ahead where the world has x"
 _OPENSIM = "y is up, x ahead where the world has x, as in OpenSim's models"
 _Z_UP = "z is up, as in the workbench"
 _WITHOUT_GAPS = (".bvh", ".mot")
-_AXES = {
-    ".bvh": _Y_UP, ".trc": _OPENSIM, ".csv": _Z_UP, ".c3d": _Z_UP, ".mot": _OPENSIM,
-}  # fmt: skip
+_AXES = {".bvh": _Y_UP, ".trc": _OPENSIM, ".csv": _Z_UP, ".c3d": _Z_UP, ".mot": _OPENSIM}
 
 
 def export_recording(
@@ -40,8 +38,7 @@ def export_recording(
         Path, typer.Argument(metavar="RUN.rrd", help="A recording, or the .part of an interrupted run.")
     ],
     output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv, .c3d, .mot or .mp4 file."),
+        Path, typer.Option("-o", "--output", metavar="FILE", help="A .bvh, .trc, .csv, .c3d, .mot or .mp4 file.")
     ],
     truth: Annotated[
         bool, typer.Option("--truth", help="Export the true joints instead of the estimate (.trc, .c3d and .csv).")
@@ -147,12 +144,11 @@ def true_track(run: Run) -> Track:
 
 def _intervals(run: Run, frames: IntArray) -> dict[str, FloatArray]:
     """Return the bounds (F,) of the parameters' 90 % intervals by name: `<name>_low` and `<name>_high`."""
-    intervals = {}
-    for path, curve in run.scalars.items():
-        *before, name, row = path.split("/")
-        if before == ["posterior", "parameters"] and row in ("low", "high") and np.array_equal(curve.frames, frames):
-            intervals[f"{name}_{row}"] = curve.values[:, 0]
-    return intervals
+    bounds = run.intervals
+    if not np.array_equal(bounds.frames, frames):
+        return {}
+    rows = {"low": bounds.low, "high": bounds.high}
+    return {f"{name}_{row}": each[:, k] for row, each in rows.items() for k, name in enumerate(bounds.names)}
 
 
 def _skeleton(run: Run, kind: str) -> Skeleton:

@@ -20,8 +20,7 @@ def quoted(argument: str) -> str:
 
     A value with symbols of Hydra's grammar is unchanged, except for existing files, folders, clip names such as 35_02,
     and nested interpolations, which Hydra parses in quotes only. The name of an existing file is also quoted where
-    Hydra would change it, such as 1e3 to 1000.0. Raises InputError for a value on which Hydra's parser fails, and as
-    `literal` does.
+    Hydra would change it, such as 1e3 to 1000.0. Raises InputError where Hydra's parser fails, and as `literal`.
     """
     key, sign, value = argument.partition("=")
     if not sign or argument.startswith("-") or value[:1] in ("'", '"'):

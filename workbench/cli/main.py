@@ -27,11 +27,7 @@ COMMANDS = {
     "evaluate": ("evaluate:evaluate", "Compare", "Score motions that any program made against true ones."),
     "detect": ("detect:detect", "Data", "Detect people's joints in videos."),
     "import": ("import_motions:import_motions", "Data", "Import motion files into a motion library."),
-    "export": (
-        "export:export_recording",
-        "Data",
-        "Export the motion of a recording, or a video with the skeleton.",
-    ),
+    "export": ("export:export_recording", "Data", "Export the motion of a recording, or a video with the skeleton."),
     "annotate": ("annotate:annotate", "Data", "Annotate joints in a video by hand."),
     "calibrate": ("calibrate:app", "Data", "Calibrate cameras by a checkerboard, or by a person's height."),
     "check-calibration": ("check_calibration:check_of_dataset", "Data", "Check whether a calibration fits."),

@@ -9,7 +9,7 @@ from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
 from workbench.results.report.page import render, terminal
-from workbench.utils.atomic_write import whole_file
+from workbench.utils.atomic_write import write_files
 from workbench.utils.errors import InputError
 
 
@@ -18,8 +18,7 @@ def report(
         list[Path], typer.Argument(metavar="FOLDER", help="Folders of recordings, or single recordings.")
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Folder for report.html, report.md, plots and CSV tables."),
+        Path | None, typer.Option("-o", "--output", help="Folder for report.html, report.md, plots and CSV tables.")
     ] = None,
 ) -> None:
     """Report metrics over seeds and people, for each group of runs with equal configurations.
@@ -39,14 +38,11 @@ def report(
 
         title = f"Report on {', '.join(place.resolve().name for place in recordings)}"
         plots = plots_of(grouping)
-        files = {f"{plot.name}.png": plot.png for plot in plots} | {
-            "report.csv": grouping.labelled(grouping.statistics, keys=True).to_csv(index=False).encode(),
-            "runs.csv": grouping.labelled(grouping.values, keys=True).to_csv(index=False).encode(),
-        }
-        files |= {name: render(name, title, report_contents, plots).encode() for name in ("report.md", "report.html")}
-        for name, content in files.items():
-            with whole_file(output / name, parents=True) as part:
-                part.write_bytes(content)
+        files: dict[str, str | bytes] = {f"{plot.name}.png": plot.png for plot in plots}
+        files["report.csv"] = grouping.labelled(grouping.statistics, keys=True).to_csv(index=False)
+        files["runs.csv"] = grouping.labelled(grouping.values, keys=True).to_csv(index=False)
+        files |= {name: render(name, title, report_contents, plots) for name in ("report.md", "report.html")}
+        write_files(output, files)
     print(terminal(report_contents))
     if output is not None:
         print(f"\nopen: {output / 'report.html'}")

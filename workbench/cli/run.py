@@ -48,8 +48,7 @@ _ENVIRONMENT = {
 @app.command(context_settings={"ignore_unknown_options": True})
 def run(
     overrides: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="GROUP=OPTION|KEY=VALUE", help="Components to choose and keys to set."),
+        list[str] | None, typer.Argument(metavar="GROUP=OPTION|KEY=VALUE", help="Components to choose and keys to set.")
     ] = None,
 ) -> int:
     """Run an experiment and write its recording; with -m, run all combinations of the listed values.

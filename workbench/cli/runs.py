@@ -195,7 +195,8 @@ def rm(
       workbench runs rm status=failed
       workbench runs rm status=failed 'started<2026-11-01' --yes
     """
-    from workbench.results.removal import check_removable, consequence, remove, size_of
+    from workbench.experiment.summary import earlier_runs
+    from workbench.results.removal import check_removable, remove, size_of
 
     runs, places = _select(query)
     if runs.empty:
@@ -203,7 +204,7 @@ def rm(
     check_removable(runs, places)
     sizes = []
     for path, status, started in zip(map(Path, runs["path"]), runs["status"], runs["started"], strict=True):
-        size, more = size_of(path), consequence(path)
+        size, earlier = size_of(path), earlier_runs(path)
         if yes:
             try:
                 remove(path, started)
@@ -211,7 +212,8 @@ def rm(
                 _warn(str(error))
                 continue
         sizes.append(size)
-        print(f"{size / 1e6:>6.1f} MB  {printable(status):<11}  {printable(f'{path}: {more}' if more else str(path))}")
+        place = f"{path}: the earlier run {earlier[-1]} is restored" if earlier else str(path)
+        print(f"{size / 1e6:>6.1f} MB  {printable(status):<11}  {printable(place)}")
     done = "removed" if yes else "would be removed; --yes removes them"
     print(f"{len(sizes)} runs, {sum(sizes) / 1e6:.1f} MB: {done}")
     if len(sizes) < len(runs):

@@ -52,8 +52,7 @@ def track(
     each: Annotated[bool, Option("--each", help="Track every video by itself, as the jobs of a sweep.")] = False,
     everyone: Annotated[bool, Option("--everyone", help="Track every person, as the jobs of a sweep.")] = False,
     output: Annotated[
-        Path | None,
-        Option("-o", "--output", metavar="DIR", help="Folder of the run; by default a new one."),
+        Path | None, Option("-o", "--output", metavar="DIR", help="Folder of the run; by default a new one.")
     ] = None,
 ) -> None:
     """Detect a person's joints in a video, fit the motion in 3-D, record, export and measure it.
@@ -78,7 +77,8 @@ def track(
     _check_videos(videos, one_scene=not each, calibrated=camera is not None)
     resumed = next((Path(word.removeprefix(_RESUME)) for word in overrides if word.startswith(_RESUME)), None)
     is_sweep = each or everyone
-    folder = resumed or output or _new_folder(videos[0], "sweeps" if is_sweep else "runs")
+    new = f"{Path(videos[0]).stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+    folder = resumed or output or Path("recordings", "sweeps" if is_sweep else "runs", "video", new)
     words = ["experiment=video", f"dataset.detector={literal(model)}", *_scene(videos, not each, height)]
     words += [] if camera is None else [f"dataset.calibration_file={literal(str(camera))}"]
     words += overrides
@@ -141,10 +141,6 @@ def _check_videos(videos: list[str], one_scene: bool, calibrated: bool) -> None:
             )
 
 
-def _new_folder(video: str, kind: str) -> Path:
-    return Path("recordings", kind, "video", f"{Path(video).stem}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
-
-
 def _export(folder: Path, source: Path | None, motion: bool) -> None:
     """Write the overlay of each camera and the estimated motion of a run into its folder.
 
@@ -170,7 +166,6 @@ def _export(folder: Path, source: Path | None, motion: bool) -> None:
 
 
 def _measure(folder: Path, run: Run) -> None:
-    """Write the measures of a run into its folder."""
     measures = measures_of(run)
     write_measures(folder, folder.resolve().name, measures)
     print(f"measured: {headline(measures)}: {folder / PAGE}")

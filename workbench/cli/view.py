@@ -39,14 +39,10 @@ def view(
         path = runs[0].path if len(runs) == 1 else _side_by_side(runs, recordings, Path(folder))
         code = processes.run([str(program), "--bind", HOST, *_ports(web), str(path)]).returncode
     if code:
-        hint = "" if has_display() else "; there is no display: --web serves a viewer for a browser"
+        has_display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        hint = "" if has_display else "; there is no display: --web serves a viewer for a browser"
         print(f"workbench view: the viewer ended with exit code {code}{hint}", file=sys.stderr)
         raise Exit(1)
-
-
-def has_display() -> bool:
-    """Return whether a window can be opened, as far as the environment says."""
-    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _ports(web: bool) -> list[str]:
@@ -104,15 +100,11 @@ def _readable(places: Sequence[Path]) -> list[Run]:
             omitted.append(f"{run.path}: the same run as {same.path}")
     for reason in omitted:
         print(f"workbench view: omitted: {reason}", file=sys.stderr)
-    if not by_id:
-        raise InputError(
-            f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none that can be opened"
-        )
-    if len(by_id) > 2:
-        raise InputError(
-            f"{', '.join(map(str, places))}: expected one or two recordings, found {len(by_id)}; "
-            "workbench report compares many"
-        )
+    listed, n = ", ".join(map(str, places)), len(by_id)
+    if not n:
+        raise InputError(f"{listed}: expected recordings (.rrd, .rrd.part), found none that can be opened")
+    if n > 2:
+        raise InputError(f"{listed}: expected one or two recordings, found {n}; workbench report compares many")
     return list(by_id.values())
 
 

@@ -49,13 +49,12 @@ class Scatter:
 @dataclass(frozen=True, eq=False)
 class Sticks:
     """Stick figures in 3-D. positions: (n, J, 3), m. parents: (J,), -1 for the root. shades: (n,), from 0, dark, to 1,
-    light. trails: {label: (K, 3)}, curves in space, m."""
+    light."""
 
     name: str
     positions: FloatArray
     parents: IntArray
     shades: FloatArray
-    trails: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 Figure: TypeAlias = Curves | Bars | Scatter | Sticks

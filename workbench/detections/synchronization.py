@@ -13,6 +13,7 @@ from workbench.cameras.time_offset import distance_curve
 from workbench.detections.readers.people import People
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.frame_times import FrameTimes
+from workbench.utils.nan_statistics import nan_mean
 
 MAX_OFFSET_S = 0.5
 """Largest offset that is searched."""
@@ -30,10 +31,7 @@ _MAX_DISTANCE_M = 0.3
 class PairedFrames:
     """Frames of one camera at the times of the reference camera's frames.
 
-    Parameters
-    ----------
-    frames : (T,) numbers of the nearest frames.
-    times_s : (T,) their times, with the camera's offset.
+    frames: (T,), numbers of the nearest frames. times_s: (T,), their times, with the camera's offset.
     """
 
     frames: IntArray
@@ -159,9 +157,5 @@ def _mean_of_closest(distances: FloatArray, min_frames: float) -> float:
 
     distances: (T, n, m, J) between n and m people, NaN for none. NaN for fewer than min_frames with a distance.
     """
-    capped = np.minimum(distances, _MAX_DISTANCE_M)
-    usable = np.isfinite(capped)
-    total, count = np.where(usable, capped, 0.0).sum(axis=-1), usable.sum(axis=-1)
-    means = np.where(count > 0, total / np.maximum(count, 1), np.inf).min(axis=(1, 2))
-    means = np.where(np.isfinite(means), means, np.nan)
+    means = np.fmin.reduce(nan_mean(np.minimum(distances, _MAX_DISTANCE_M)), axis=(1, 2))
     return float(np.nanmean(means)) if np.isfinite(means).sum() >= min_frames else np.nan

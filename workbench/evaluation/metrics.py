@@ -177,10 +177,7 @@ METRICS = (
         "wrong value counts as not covered, unless the prior does not move it and its true value stays the initial one",
         CALIBRATION, 0.9, headline=True, terminal=True, short="coverage",
     ),
-    Metric(
-        "coverage_90_<group>", "coverage of 90 %", "fraction", "the same by part of the body",
-        CALIBRATION, 0.9,
-    ),
+    Metric("coverage_90_<group>", "coverage of 90 %", "fraction", "the same by part of the body", CALIBRATION, 0.9),
     Metric(
         "coverage_50", "coverage of 50 % intervals", "fraction",
         "the same for the 50 % interval, from the 25 % to the 75 % quantile", CALIBRATION, 0.5,
@@ -256,9 +253,7 @@ METRICS = (
         "0 for an annealed filter, whose particles are no sample of the posterior", TRACKING,
     ),
     Metric("lag", "lag", "frames", "later frames that the smoothed estimate of a frame uses", TRACKING),
-    Metric(
-        "reinitialized", "reinitialized frames", "fraction", "frames in which the filter starts again", TRACKING
-    ),
+    Metric("reinitialized", "reinitialized frames", "fraction", "frames in which the filter starts again", TRACKING),
     Metric(
         "inlier_fraction", "observations near the body", "fraction", "observations near the body", TRACKING, "higher",
         terminal=True,

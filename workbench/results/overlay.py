@@ -133,8 +133,7 @@ def drawn(picture: Picture, lost: bool = False, hidden: Set[str] = frozenset()) 
     """Return a picture's image with its skeletons, (height, width, 3) BGR, of even size.
 
     Left and right limbs have two colours. A limb is the fainter the less confident the detector is of its ends; one of
-    which an end is hidden, by name, is not drawn. A frame without an estimate has a red frame, as one in which the
-    person is lost.
+    which an end is hidden, by name, is not drawn. A frame without an estimate has a red frame, as a lost one.
     """
     grey = picture.image.ndim == 2
     flag = cv2.COLOR_GRAY2BGR if grey else cv2.COLOR_RGB2BGR
@@ -154,8 +153,7 @@ def drawn(picture: Picture, lost: bool = False, hidden: Set[str] = frozenset()) 
 def _draw_limbs(
     image: ByteArray, lines: FloatArray, confidence: Mapping[str, float], width: int, hidden: Set[str]
 ) -> None:
-    """Draw the lines (C, k, 2) of a person's skeleton but for hidden joints, those of another body or of a part of it
-    in one colour."""
+    """Draw the lines (C, k, 2) of a skeleton without hidden joints, of another body than a person's in one colour."""
     person = _CHAINS.get(lines.shape[:2])
     of_person = person is not None
     for line, names in zip(lines, person or [[""] * lines.shape[1]] * len(lines), strict=True):

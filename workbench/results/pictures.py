@@ -58,8 +58,7 @@ def pictures(
 
     Raises
     ------
-    InputError
-        Where a frame has no image, and for an unknown camera.
+    InputError : where a frame has no image, and for an unknown camera.
     """
     columns = cells(run.path, ["/world/**"], frames, (_IMAGE, _TIMESTAMP, _STRIPS, _RADII, _LABELS))
     paths = {path.split("/")[-2]: path for path in sorted(columns) if {_IMAGE, _TIMESTAMP} & set(columns[path])}

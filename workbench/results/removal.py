@@ -41,13 +41,6 @@ def size_of(path: Path) -> int:
     return sum(file.lstat().st_size for file in (below or [path]) if file.is_symlink() or file.is_file())
 
 
-def consequence(path: Path) -> str:
-    """Return the other effects of a run's removal on its folder; "" without any."""
-    if earlier := earlier_runs(path):
-        return f"the earlier run {earlier[-1]} is restored"
-    return ""
-
-
 def remove(path: Path, started: str) -> None:
     """Delete a run's folder, or its recording where it has no folder, after `check_removable`.
 
@@ -79,8 +72,7 @@ def remove(path: Path, started: str) -> None:
 
 
 def _move_aside(path: Path, aside: Path) -> None:
-    """Rename a run's folder or recording; in a folder with earlier runs move the run's files and restore the last
-    one."""
+    """Rename a run's folder or recording; with earlier runs in it, move the run's files and restore the last one."""
     if not (earlier := earlier_runs(path)):
         os.rename(path, aside)
         return

@@ -32,8 +32,7 @@ def runs(*places: str | Path) -> pd.DataFrame:
     """Return the runs in these folders or recordings, newest first; without arguments those below recordings/.
 
     Columns are FIELDS, then the chosen option by group (`prior`), the metrics by name (`mpjpe_px`), the configuration
-    by dotted key (`inference.n_particles`) and the provenance (`commit`). Raises InputError for a place that does not
-    exist.
+    by dotted key (`inference.n_particles`) and the provenance (`commit`). Raises InputError for a missing place.
     """
     frame = read_runs(*(map(Path, places) if places else [Path("recordings")]))
     names = [name.partition(".") for name in frame]

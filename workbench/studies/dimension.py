@@ -176,10 +176,8 @@ class ParticlesByDimension:
     sigma_px: float = 8.0
 
     def __post_init__(self) -> None:
-        if (
-            min(self.max_particles, self.n_frames, self.n_seeds, *self.dims, *self.dims_body) < 1
-            or not self.tolerance_std > 0.0
-        ):
+        sizes = self.max_particles, self.n_frames, self.n_seeds, *self.dims, *self.dims_body
+        if min(sizes) < 1 or not self.tolerance_std > 0.0:
             raise InputError("study: expected sizes from 1 on and tolerance_std above 0")
         if max(self.dims_body) > len(ANGLES) or min(len(set(self.dims)), len(set(self.dims_body))) < 2:
             raise InputError(f"study: expected two numbers of angles or more, dims_body up to {len(ANGLES)}")
@@ -202,11 +200,7 @@ class ParticlesByDimension:
         return StudyResult(metrics, (needed,), _note(metrics, self))
 
     def _survival(
-        self,
-        problem: Callable[[int], DimensionProblem],
-        dims: Sequence[int],
-        x: FloatArray,
-        rng: np.random.Generator,
+        self, problem: Callable[[int], DimensionProblem], dims: Sequence[int], x: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
         """Return log₁₀ of the number of particles per survivor (n_seeds, len(x)), mean over frames; NaN elsewhere."""
         log_n = np.full((self.n_seeds, len(x)), np.nan)

@@ -112,11 +112,6 @@ def remove_markers(motion: Motion, fraction: float, rng: np.random.Generator) ->
     return removed
 
 
-def in_gaps(missing: BoolArray) -> BoolArray:
-    """Select missing samples (F,) and their neighbours, so that a curve over a gap meets the observed ones."""
-    return np.convolve(missing, np.ones(3), mode="same") > 0.0
-
-
 def _imputed(gappy: Sequence[FloatArray], alignment: CycleAlignment) -> dict[str, list[FloatArray]]:
     """Return the sequences (F_i, 19) imputed by every method, by the suffix of its metrics' names."""
     return {
@@ -144,7 +139,8 @@ def _imputed_walk(motions: Sequence[Motion], fraction: float, rng: np.random.Gen
     figures = []
     for name in SHOWN:
         column = angle(name)
-        gap = in_gaps(np.isnan(gappy[k][:, column]))
+        # with neighbours, so that a curve over a gap meets the observed ones
+        gap = np.convolve(np.isnan(gappy[k][:, column]), np.ones(3), mode="same") > 0.0
         curves = {label: np.where(gap, imputed[end][k][:, column], np.nan) for end, label in LABELS.items()}
         curves |= {"truth": np.where(gap, truths[k][:, column], np.nan), "observed": gappy[k][:, column]}
         heading = f"gaps/{motion.name}, {title(name)}, {100 * fraction:.0f} % removed"

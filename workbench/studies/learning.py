@@ -124,7 +124,7 @@ class LearnWalk(WalkStudy):
         model = learn(n_components=self.n_components)
         max_components = min(model.n_cycles - 1, model.mean.size)
         full = learn(n_components=max_components)
-        explained = _explained(full.scales)
+        explained = np.cumsum(full.scales**2) / np.sum(full.scales**2)  # by the first 1, 2, … components
         d = len(model.scales)
         metrics = {
             "n_cycles": float(model.n_cycles),
@@ -149,11 +149,6 @@ class LearnWalk(WalkStudy):
             values, heights = np.unique(counts, return_counts=True)
             figures += (Bars("model/components of draws", values.astype(float), heights.astype(float), "components"),)
         return StudyResult(metrics, figures, _note(model, cycles, explained, self.variance))
-
-
-def _explained(scales: FloatArray) -> FloatArray:
-    """Return the fractions (K,) of the variance that the first 1, 2, … of K components of scales (K,) explain."""
-    return np.cumsum(scales**2) / np.sum(scales**2)
 
 
 def _cycles(cycles: Cycles, model: WalkingModel, name: str) -> Curves:

@@ -33,14 +33,13 @@ class Plan:
     """Plan of a sweep.
 
     folder: of the sweep; job k runs in `folder/k`. objective: metric to show and minimise, None: the default. keys:
-    the varied keys. jobs: numbers of the jobs to run. tuned: whether a tuner chooses the values.
+    the varied keys. jobs: numbers of the jobs to run.
     """
 
     folder: Path
     objective: str | None
     keys: tuple[str, ...]
     jobs: tuple[int, ...]
-    tuned: bool = False
 
     def overrides_of(self, job: int) -> str:
         """Return the varied overrides of a job that has begun; empty if they cannot be read."""
@@ -95,7 +94,7 @@ def _jobs_of(config: Any, folder: Path) -> Plan:
     jobs = tuple(range(n_jobs) if chosen is None else chosen)
     if unknown := [job for job in jobs if not 0 <= job < n_jobs]:
         raise InputError(f"sweep.job_ids: expected numbers below {n_jobs}, found {unknown[0]}")
-    return Plan(folder, OmegaConf.select(config, "sweep.objective"), tuple(swept), jobs, tuned=n_trials is not None)
+    return Plan(folder, OmegaConf.select(config, "sweep.objective"), tuple(swept), jobs)
 
 
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:

@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -49,6 +49,15 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
     finally:
         if part.is_file():
             part.unlink(missing_ok=True)  # another process may remove the folder
+
+
+def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+    """Write files of these names in a folder, texts as UTF-8, atomically, and return their paths; existing files are
+    replaced. Raises InputError as `whole_file`."""
+    for name, content in contents.items():
+        with whole_file(folder / name, parents=True) as part:
+            part.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return [folder / name for name in contents]
 
 
 @contextmanager

@@ -25,10 +25,8 @@ _MAX_UNEVEN = 0.5
 class FrameTimes:
     """Times of the frames of one source, s, the first of which is 0.
 
-    Parameters
-    ----------
-    rate_hz : frame rate; the median rate of uneven frames.
-    uneven_s : (F,) times of all frames from frame 0 on; None for a constant rate.
+    rate_hz: frame rate; the median rate of uneven frames. uneven_s: (F,), times of all frames from frame 0 on; None for
+    a constant rate.
     """
 
     rate_hz: float
@@ -103,7 +101,9 @@ def frame_times(source: Path, times_s: FloatArray) -> FrameTimes:
     mean_hz = check_rate(f"{source}: rate_hz", (len(times_s) - 1) / times_s[-1])
     for rate_hz in (header_hz, mean_hz):
         if (np.abs(times_s - np.arange(len(times_s)) / rate_hz) <= _ROUNDING_S).all():
-            _report_rate(source, header_hz, rate_hz)
+            if abs(np.log(header_hz / rate_hz)) > _RATE_TOLERANCE:
+                text = "%s: the header's rate is %g Hz, the timestamps' %.5g Hz, which is used"
+                log.warning(text, source, header_hz, rate_hz)
             return FrameTimes(check_rate(f"{source}: rate_hz", rate_hz))
     intervals_s = np.diff(times_s)
     median_hz = float(1.0 / np.median(intervals_s))
@@ -113,10 +113,3 @@ def frame_times(source: Path, times_s: FloatArray) -> FrameTimes:
         source, 1e3 * intervals_s.min(), 1e3 * intervals_s.max(), mean_hz, header_hz,
     )  # fmt: skip
     return FrameTimes(median_hz, times_s)
-
-
-def _report_rate(source: Path, header_hz: float, rate_hz: float) -> None:
-    if abs(np.log(header_hz / rate_hz)) > _RATE_TOLERANCE:
-        log.warning(
-            "%s: the header's rate is %g Hz, the timestamps' %.5g Hz, which is used", source, header_hz, rate_hz
-        )

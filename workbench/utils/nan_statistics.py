@@ -5,6 +5,13 @@ import numpy as np
 from workbench.utils.arrays import FloatArray
 
 
+def nan_mean(values: FloatArray, axis: int = -1) -> FloatArray:
+    """Return the mean of values over an axis, NaN where all are, or none is."""
+    known = np.isfinite(values)
+    n = known.sum(axis=axis)
+    return np.where(n > 0, np.where(known, values, 0.0).sum(axis=axis) / np.maximum(n, 1), np.nan)
+
+
 def nan_median(values: FloatArray, axis: int = -1) -> FloatArray:
     """Return the median of values over an axis, NaN where all are, or none is."""
     values = np.moveaxis(values, axis, -1)

@@ -8,11 +8,15 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from workbench.recording.write.columns import Columns, Row, curves
+from workbench.recording.write.columns import Columns, Row
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.signals import Interrupted, interruptible
 
 RNG = np.random.default_rng(0)
+
+
+def curves(numbers):
+    return [(path, Row(rr.Scalars, {"scalars": np.array([value])})) for path, value in numbers.items()]
 
 
 def bars():

@@ -33,10 +33,7 @@ def figures():
         Curves("first page/one point", x[:1], {"only": x[:1]}, "pass", "error"),
         Bars("c3", np.arange(-3.0, 4.0), rng.uniform(size=7), "σ", rng.uniform(size=7)),
         Bars("counts", np.arange(3.0), np.array([0.0, 2.0, 1.0]), "seconds"),
-        Sticks(
-            "run", rng.standard_normal((5, 4, 3)), np.array([-1, 0, 1, 1]), np.linspace(0.0, 1.0, 5),
-            {"left hand": rng.standard_normal((6, 3)), "right hand": rng.standard_normal((2, 3))},
-        ),
+        Sticks("run", rng.standard_normal((5, 4, 3)), np.array([-1, 0, 1, 1]), np.linspace(0.0, 1.0, 5)),
         Sticks("one", rng.standard_normal((1, 2, 3)), np.array([-1, 0]), np.array([0.5])),
     )  # fmt: skip
 
@@ -165,11 +162,11 @@ def test_bones_connect_joints_with_their_parents_in_the_shade_of_their_skeleton(
 
 @pytest.mark.parametrize(("length", "across"), [(1.1, (1.0, 0.0)), (0.0, (0.0, -1.0))])
 def test_skeletons_are_seen_perpendicular_to_their_path(length, across):
-    """The root moves along y, or stays; the trail spans a box of 2 m by 4 m by 4 m about (0, 0, 1)."""
+    """The root moves along y, or stays; the hand spans a box of 2 m by 4 m by 4 m about (0, 0, 1)."""
     roots = np.array([0.0, length, 0.0])[None] * np.linspace(-0.5, 0.5, 5)[:, None]
-    positions = np.stack([roots + np.array([0.0, 0.0, 1.0]), roots], axis=1)
-    trail = np.array([[-1.0, -2.0, -1.0], [1.0, 2.0, 3.0]])
-    shown = eye(Sticks("run", positions, np.array([-1, 0]), np.zeros(5), {"hand": trail}))
+    hand = np.linspace([-1.0, -2.0, -1.0], [1.0, 2.0, 3.0], 5)
+    positions = np.stack([roots + np.array([0.0, 0.0, 1.0]), roots, hand], axis=1)
+    shown = eye(Sticks("run", positions, np.array([-1, 0, 0]), np.zeros(5)))
     position, target = (
         np.array(field.as_arrow_array().to_pylist()[0]) for field in (shown.position, shown.look_target)
     )

@@ -102,9 +102,6 @@ def parse_annotation(values: Any) -> tuple[Place, _Annotation | None]:
 
 
 def _row(place: Place, annotation: _Annotation) -> str:
-    (frame, joint), (u, v, visible) = place, annotation
-    return f"{frame},{joint},{_number(u)},{_number(v)},{int(visible)}"
-
-
-def _number(value: float) -> str:
-    return f"{value:.2f}".rstrip("0").rstrip(".")
+    (frame, joint), (*pixel, visible) = place, annotation
+    u, v = (f"{value:.2f}".rstrip("0").rstrip(".") for value in pixel)
+    return f"{frame},{joint},{u},{v},{int(visible)}"

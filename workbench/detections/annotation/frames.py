@@ -28,10 +28,8 @@ class Frames:
         self._cache: OrderedDict[int, bytes] = OrderedDict()
         self._lock, self._next = Lock(), 0
         self._images: Iterator[ByteArray] = decode(source)
-        first = next(decode(source, last=0), None)
-        if first is None:
-            raise InputError(f"{source}: expected frames, found none that can be decoded")
-        self.size = first.shape[1], first.shape[0]
+        height, width, _ = next(decode(source, last=0)).shape
+        self.size = width, height
 
     def jpeg(self, number: int) -> bytes:
         """Return a frame as JPEG; raises InputError for a number outside the video."""
@@ -54,5 +52,4 @@ class Frames:
 
 
 def _encoded(image: ByteArray) -> bytes:
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()

@@ -45,14 +45,8 @@ class _Handler(BaseHTTPRequestHandler):
     server: Server
 
     def do_GET(self) -> None:
-        """Answer with the page, the state of all annotations, or a frame."""
-        self._answer()
-
-    def do_POST(self) -> None:
-        """Set or remove an annotation, or undo the latest change; answer with the annotations of its frame."""
-        self._answer()
-
-    def _answer(self) -> None:
+        """Answer GET with the page, the state of all annotations, or a frame; or POST, which sets or removes an
+        annotation or undoes the latest change, with the annotations of its frame."""
         token, _, path = self.path.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.server.token.encode()):
             self._send({"error": "expected the address that workbench annotate prints"}, HTTPStatus.FORBIDDEN)
@@ -60,9 +54,8 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             match self.command, path.split("/"):
                 case "GET", [""]:
-                    self._send(
-                        files("workbench.detections.annotation").joinpath("page.html").read_bytes(), kind="text/html"
-                    )
+                    page = files("workbench.detections.annotation").joinpath("page.html")
+                    self._send(page.read_bytes(), kind="text/html")
                 case "GET", ["state"]:
                     self._send(self._state())
                 case "GET", ["frame", number]:
@@ -74,6 +67,8 @@ class _Handler(BaseHTTPRequestHandler):
                     self._send({"error": "no such page"}, HTTPStatus.NOT_FOUND)
         except (ValueError, RecursionError) as error:
             self._send({"error": str(error)}, HTTPStatus.BAD_REQUEST)
+
+    do_POST = do_GET  # noqa: N815 (the name is the library's)
 
     def _change(self, action: str, values: Any) -> dict[str, Any]:
         annotations = self.server.annotations

@@ -34,8 +34,7 @@ _SIZE_SIGMA, _DEPTH_SIGMA_PER_S, _PEOPLE_SIGMA = 0.1, 0.2, 0.5
 
 @dataclass
 class _Fragment:
-    """A track of the detector. first: index of its first frame. rows: of the person, by frame. joints: (J, 3) or (J, 6)
-    by frame."""
+    """A detector's track. first: index of its first frame. rows, joints: of the person, (J, 3) or (J, 6), by frame."""
 
     first: int
     rows: list[int] = field(default_factory=list)

@@ -50,8 +50,7 @@ def isolated_joints(joints: FloatArray, frames: IntArray, rate_hz: float) -> Boo
 
 
 def without_isolated(people: People, rate_hz: float) -> People:
-    """Return the people of a view without isolated joints; unchanged where a frame shows several people, who are not
-    distinguished yet."""
+    """Return a view's people without isolated joints; unchanged where a frame shows several, not yet distinguished."""
     if max(map(len, people.joints), default=0) != 1:
         return people
     shown = [t for t, rows in enumerate(people.joints) if len(rows)]

@@ -12,12 +12,7 @@ import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.triangulation import triangulate_normalized
-from workbench.detections.association.detector_view import (
-    HEIGHT_M,
-    SIGMA_M,
-    DetectorView,
-    median_height,
-)
+from workbench.detections.association.detector_view import HEIGHT_M, SIGMA_M, DetectorView, median_height
 from workbench.detections.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 

@@ -3,10 +3,10 @@
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera import Camera
@@ -34,8 +34,6 @@ _LONG_GAP_S = 0.5
 """Gaps in the detections of a view above this duration are reported."""
 _MIN_LOG_ODDS = np.log(20.0)
 """Assignments with lower log odds are reported as uncertain."""
-_MAX_PEOPLE = 200
-"""People considered in a frame and view, the likeliest, as the time grows with their square."""
 _WALK_SPREAD = 0.05
 """Mean standard deviation of a walking person's joints about their centre, in heights: ankles swing by a quarter of the
 height, wrists by a sixth; head, shoulders and hips hardly."""
@@ -73,8 +71,7 @@ class TrackedPeople:
     joints : (n, J, 3) by frame and view, see `People`.
     assigned : people's numbers of the detections, by frame.
     log_odds : (T,) of the assignments, see `Tracks`.
-    cuts : numbers of the frames that begin another part of an edited film, increasing, between the first frame and the
-        last.
+    cuts : numbers of the frames that begin another part of an edited film, increasing, within the frames.
     """
 
     names: Sequence[str]
@@ -83,11 +80,6 @@ class TrackedPeople:
     assigned: Sequence[Assignment]
     log_odds: FloatArray
     cuts: Sequence[int] = ()
-
-    @property
-    def parts(self) -> list[IntArray]:
-        """The indices of the frames between cuts."""
-        return np.split(np.arange(len(self.frames)), np.searchsorted(self.frames, self.cuts))
 
     @property
     def numbers(self) -> list[int]:
@@ -125,8 +117,7 @@ def select_target(
 
     Raises
     ------
-    InputError
-        Without any person, and for a target that is not detected in its view or in a second one.
+    InputError : without any person, and for a target that is not detected in its view or in a second one.
     """
     tracked = tracked_people(people, cameras, rate_hz, within, uneven_s, cuts)
     number = _selected(tracked, person)
@@ -193,15 +184,13 @@ def _views(people: Mapping[str, People], cameras: Mapping[str, Camera] | None) -
 
 
 def _in_frame(people: People, frame: int) -> tuple[FloatArray, IntArray]:
-    """Return the joints (n, J, 3) of the likeliest _MAX_PEOPLE detected in a frame, and their identities (n,), -1
-    without."""
+    """Return the joints (n, J, 3) of the people in a frame, and their identities (n,), -1 without."""
     row = int(np.searchsorted(people.frames, frame))
     if row == len(people.frames) or people.frames[row] != frame:
         return np.empty((0, len(JOINT_NAMES), 3)), np.empty(0, dtype=np.intp)
     joints = people.joints[row]
     identities = np.full(len(joints), -1) if people.identities is None else people.identities[row]
-    likeliest = np.sort(np.argsort(-np.nansum(joints[..., 2], axis=1), kind="stable")[:_MAX_PEOPLE])
-    return joints[likeliest], identities[likeliest]
+    return joints, identities
 
 
 def _counts(tracked: TrackedPeople, target: int, within: tuple[int, int | None]) -> dict[str, int]:
@@ -253,8 +242,8 @@ def _report_people(tracked: TrackedPeople, detected: BoolArray) -> None:
 
 
 def _selected(tracked: TrackedPeople, person: Choice) -> int:
-    """Return the number of the target."""
-    firsts = [next((tracked.assigned[t] for t in part if tracked.assigned[t]), None) for part in tracked.parts]
+    parts = np.split(np.arange(len(tracked.frames)), np.searchsorted(tracked.frames, tracked.cuts))
+    firsts = [next((tracked.assigned[t] for t in part if tracked.assigned[t]), None) for part in parts]
     if not any(firsts):
         several = "two cameras at once; check that the videos are synchronized and match the calibration"
         expected = several if len(tracked.names) > 1 else "the frames used"
@@ -343,10 +332,9 @@ def most_prominent(people: Iterable[People]) -> FloatArray:
 def _report_gaps(tracked: TrackedPeople, detected: BoolArray, rate_hz: float) -> None:
     """Log long gaps of the target's detections (V, T)."""
     for name, in_view in zip(tracked.names, detected, strict=True):
-        for is_gap, run in groupby(range(len(in_view)), key=lambda t: not in_view[t]):
-            gap = list(run)
-            if is_gap and len(gap) > _LONG_GAP_S * rate_hz:
-                first, last = tracked.frames[gap[0]], tracked.frames[gap[-1]]
+        for (gap,) in find_objects(label(~in_view)[0]):
+            if gap.stop - gap.start > _LONG_GAP_S * rate_hz:
+                first, last = tracked.frames[gap.start], tracked.frames[gap.stop - 1]
                 log.info("%s: the target is not detected in frames %d to %d", name, first, last)
 
 

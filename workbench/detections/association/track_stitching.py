@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.stature import LIMBS, SIDES
 from workbench.detections.association.assignment import GAP_S, Assignment, Frames, Tracks, track
 from workbench.detections.association.detector_view import DetectorView
 from workbench.utils.arrays import FloatArray, IntArray
@@ -19,13 +20,7 @@ _LOG_ANYWHERE = -np.log(50.0)
 """Log density, 1/m² on the ground or in the image, of the position where another person appears."""
 _SIZE_SIGMA, _PEOPLE_SIGMA = np.sqrt(2.0) * 0.05, np.sqrt(2.0) * 0.10
 """Standard deviations of the difference of a limb's log length, of one person at two times, and of two people."""
-_BONES = np.array(
-    [
-        [JOINT_NAMES.index(f"{side}_{end}") for end in ends]
-        for side in ("left", "right")
-        for ends in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-    ]
-)
+_BONES = np.array([[JOINT_NAMES.index(f"{side}_{end}") for end in ends] for side in SIDES for ends in LIMBS.values()])
 
 
 def without_short(tracks: Tracks) -> Tracks:
@@ -97,10 +92,8 @@ def stitched(tracks: Tracks, times_s: FloatArray) -> tuple[Assignment, ...]:
 def joined(spans: Sequence[tuple[int, int]], log_odds: Callable[[int, int], float]) -> list[int]:
     """Return the person of each of n tracks, numbered from 0 in order of appearance.
 
-    Parameters
-    ----------
-    spans : first and last frame of the tracks, in order of the first.
-    log_odds : that an earlier and a later track are of one person rather than of two, by their indices.
+    spans: first and last frame of the tracks, in order of the first. log_odds: that an earlier and a later track are of
+    one person rather than of two, by their indices.
     """
     n = len(spans)
     costs = np.full((n, 2 * n), np.inf)

@@ -144,8 +144,7 @@ def cached_detections(video: Path, model: str, cache: Path, within: tuple[int, i
 
     Raises
     ------
-    InputError
-        As `model_file` and `detect_video`, and without a person in these frames.
+    InputError : as `model_file` and `detect_video`, and without a person in these frames.
     """
     _, chunk = _rate_and_chunk(video)  # raises before anything is downloaded
     path, start = model_file(model, cache), within[0] // chunk * chunk
@@ -160,31 +159,19 @@ def cached_detections(video: Path, model: str, cache: Path, within: tuple[int, i
 
 
 class _Files:
-    """The files of one video's detections.
+    """The files of one video's detections, in a folder that is made when the first is written.
 
-    Parameters
-    ----------
-    folder : of the files, made when the first is written.
-    stem : of the files' names.
-    source : hashes of what the detections come from.
-    first : number of the first frame.
+    stem: of the files' names. source: hashes of what the detections come from. first: number of the first frame.
     """
 
     def __init__(self, folder: Path, stem: str, source: Mapping[str, str], first: int) -> None:
         self._folder, self._stem, self._source, self.first = folder, stem, dict(source), first
 
     def path(self, index: int) -> Path:
-        """Return the file of a frame."""
         return self._folder / f"{self._stem}_{index:012d}_keypoints.json"
 
     def n_written(self) -> int:
-        """Return how many frames from the first on are written.
-
-        Raises
-        ------
-        InputError
-            Where they come from another video or model.
-        """
+        """Return how many frames from the first on are written; raises InputError for another video or model's."""
         n = 0
         while self.path(self.first + n).is_file():
             n += 1
@@ -193,13 +180,7 @@ class _Files:
         return n
 
     def n_complete(self) -> int | None:
-        """Return the number of frames of a complete detection; None for any other.
-
-        Raises
-        ------
-        InputError
-            As `n_written`.
-        """
+        """Return the number of frames of a complete detection, None for any other; raises InputError as `n_written`."""
         marker = self._folder / _COMPLETE
         n = self.n_written() if marker.is_file() else 0
         return n if n and marker.read_text(encoding="ascii") == str(self.first + n) else None
@@ -214,7 +195,6 @@ class _Files:
         return 1 + max((person.number for index in range(self.first, end) for person in self.read(index)), default=-1)
 
     def write(self, index: int, time_s: float, people: Sequence[Person]) -> None:
-        """Write the people of a frame."""
         content = {
             "version": 1.3, "layout": LAYOUT, "time_s": time_s, "source": self._source,
             "people": [_as_json(person) for person in people],

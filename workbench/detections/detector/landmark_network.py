@@ -28,8 +28,7 @@ _MIN_HEAT = 0.5
 
 @dataclass(frozen=True)
 class Region:
-    """A square region of an image. u, v: its centre, px. side: px. angle: from the image's up to the region's, rad,
-    clockwise."""
+    """A square of an image. u, v: its centre, px. side: px. angle: from the image's up to its own, rad, clockwise."""
 
     u: float
     v: float
@@ -39,8 +38,7 @@ class Region:
     @property
     def to_image(self) -> FloatArray:
         """The affine map (2, 3) from pixels of the network's input to pixels of the image."""
-        cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        linear = self.side / SIZE_PX * np.array([[cosine, -sine], [sine, cosine]])
+        linear = self.side / SIZE_PX * rotation(self.angle)
         return np.column_stack([linear, [self.u, self.v] - linear @ [0.5 * SIZE_PX, 0.5 * SIZE_PX]])
 
 
@@ -71,8 +69,7 @@ class LandmarkNetwork:
 
     Raises
     ------
-    InputError
-        For a file that is no such model.
+    InputError : for a file that is no such model.
     """
 
     def __init__(self, path: Path) -> None:

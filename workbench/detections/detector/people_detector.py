@@ -114,9 +114,8 @@ def _centres(side: float, size: int) -> Sequence[float]:
     """Return centres along one axis, at most half a side apart, whose squares lie in the image where they fit."""
     if side >= size:
         return [0.5 * size]
-    return [
-        float(x) for x in np.linspace(0.5 * side, size - 0.5 * side, int(np.ceil((size - side) / (0.5 * side))) + 1)
-    ]
+    n = int(np.ceil((size - side) / (0.5 * side))) + 1
+    return [float(x) for x in np.linspace(0.5 * side, size - 0.5 * side, n)]
 
 
 def _known(landmarks: PersonLandmarks, people: Iterable[Person]) -> bool:

@@ -64,8 +64,7 @@ PERSON_KEYS: Mapping[str, tuple[str, ...]] = {
     "pose_landmarks": (),
 }
 """Keys of a person's coordinates, u, v, confidence of one point after the other, or without confidence; and the keys of
-confidences of their own, with which the coordinates are u, v. Points may also be mappings, or lists by coordinate, see
-COORDINATES."""
+confidences of their own, with which the coordinates are u, v. Points may also be mappings or lists by COORDINATES."""
 COORDINATES: Mapping[str, int] = {
     "x": 0, "y": 1, "u": 0, "v": 1, "likelihood": 2, "score": 2, "visibility": 2, "visible": 2, "confidence": 2,
     "conf": 2, "c": 2, "p": 2,

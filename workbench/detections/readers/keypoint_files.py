@@ -7,12 +7,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.detections.readers.detected_points import (
-    DetectedPoints,
-    keypoints_of,
-    numbers_in_names,
-    ordered_points,
-)
+from workbench.detections.readers.detected_points import DetectedPoints, keypoints_of, numbers_in_names, ordered_points
 from workbench.detections.readers.formats import (
     COORDINATES,
     DATASET_KEYS,
@@ -57,8 +52,7 @@ def read_points(path: str | Path) -> DetectedPoints:
     """Return the points in a folder of JSON or text files, one per frame, or in a JSON or CSV file of all frames.
 
     Coordinates that are NaN, null or (0, 0), and points of confidence 0, are missing points. The order of people in a
-    frame is arbitrary, see `detections.association`. Raises InputError for files of another format, and if no person is
-    detected.
+    frame is arbitrary, see `detections.association`. Raises InputError for another format, and without a person.
     """
     path = Path(path)
     if path.suffix.lower() in _HDF5 and path.is_file():
@@ -78,11 +72,8 @@ def _folder(folder: Path) -> DetectedPoints:
     present = sorted(file for file in folder.iterdir() if file.name[0] != ".") if folder.is_dir() else []
     suffix = next((each for each in _SUFFIXES if any(file.suffix.lower() == each for file in present)), "")
     files_in_folder = [file for file in present if suffix and file.suffix.lower() == suffix]
-    if (
-        suffix == ".json"
-        and len(files_in_folder) == 1
-        and _frames_of(content := _parsed(files_in_folder[0])) is not None
-    ):
+    is_one = suffix == ".json" and len(files_in_folder) == 1
+    if is_one and _frames_of(content := _parsed(files_in_folder[0])) is not None:
         return _json_file(files_in_folder[0], content)
     files = _numbered(folder, files_in_folder)
     people, identities, names = [], list[IntArray | None](), tuple[str, ...]()
@@ -162,18 +153,12 @@ def _frames_of(content: Any) -> list[tuple[Any, Any]] | None:
     elements = content if key is None else content[key]
     if not isinstance(elements, list):
         return None
-    image_key = next(
-        (key for key in FRAME_KEYS if elements and isinstance(elements[0], dict) and key in elements[0]), ""
-    )
+    first = elements[0] if elements and isinstance(elements[0], dict) else {}
+    image_key = next((key for key in FRAME_KEYS if key in first), "")
     if not image_key and not all(isinstance(each, list) or _has_people(each) for each in elements):
         return None
-    return [
-        (
-            element[image_key] if image_key else k,
-            element if isinstance(element, list) or _has_people(element) else [element],
-        )
-        for k, element in enumerate(elements)
-    ]
+    images = [each if isinstance(each, list) or _has_people(each) else [each] for each in elements]
+    return [(each[image_key] if image_key else k, images[k]) for k, each in enumerate(elements)]
 
 
 def _has_people(image: Any) -> bool:
@@ -206,7 +191,6 @@ def _list_of_people(image: Any) -> Any:
 
 
 def _people(image: Any, names: tuple[str, ...]) -> list[FloatArray]:
-    """Return the points of the people of one image, see `_points`."""
     return [_points(person, names) for person in _list_of_people(image)]
 
 

@@ -112,7 +112,8 @@ def _points_of(columns: Iterable[str]) -> dict[str, dict[int, str]]:
     points: dict[str, dict[int, str]] = {}
     for column in columns:
         if (found := _COLUMN.fullmatch(column.strip())) and (name := found[1] or found[3]):
-            points.setdefault(name, {}).setdefault(_coordinate(found[2].lower(), points.get(name, {})), column)
+            known, letter = points.setdefault(name, {}), found[2].lower()
+            known.setdefault(2 if letter == "v" and 1 in known else COORDINATES[letter], column)  # v: a visibility
     points = {name: coordinates for name, coordinates in points.items() if {0, 1} <= coordinates.keys()}
     return dict(sorted(points.items(), key=lambda item: _number(item[0]))) if _are_numbered(points) else points
 
@@ -124,11 +125,6 @@ def _are_numbered(names: Iterable[str]) -> bool:
 
 def _number(name: str) -> int:
     return int(re.findall(r"(\d*)$", name)[0] or -1)
-
-
-def _coordinate(name: str, known: dict[int, str]) -> int:
-    """Return the number of a coordinate; a v after x and y is a visibility."""
-    return 2 if name == "v" and 1 in known else COORDINATES[name]
 
 
 def _deeplabcut(file: Path, text: str) -> DetectedPoints:

@@ -9,7 +9,7 @@ from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.named_points import layout_joints, named_points
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.nan_statistics import nan_median
+from workbench.utils.nan_statistics import nan_mean, nan_median
 
 _AVERAGE = from_height(1.0)
 _BONES = {
@@ -31,8 +31,8 @@ _NEIGHBOUR_LENGTH = 0.06
 """Distance of the first point of each group from the others, over the height."""
 _MAX_LOG_RATIO = 1.5
 """Largest deviation of a bone that counts, for robustness; foreshortened bones have all lengths down to zero."""
-_CLEAR = 0.1
-"""Smallest evidence of a clear decision."""
+CLEAR = 0.1
+"""Smallest evidence of a clear decision, see `matching_layout`."""
 
 
 def matching_layout(source: str, people: Sequence[FloatArray]) -> tuple[str, float]:
@@ -56,11 +56,6 @@ def matching_layout(source: str, people: Sequence[FloatArray]) -> tuple[str, flo
     medians = np.median(excess, axis=1) if usable.any() else np.zeros(len(names))
     order = np.argsort(medians, kind="stable")
     return names[order[0]], float(medians[order[1]] - medians[order[0]])
-
-
-def is_clear(evidence: float) -> bool:
-    """Return whether the evidence for a layout is clear, see `matching_layout`."""
-    return evidence >= _CLEAR
 
 
 def check_number_of_points(source: object, n_points: int) -> None:
@@ -97,8 +92,5 @@ def _deviation(layout: tuple[str, ...], points: FloatArray) -> FloatArray:
     first, second = np.array(list(pairs)).T
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     ratios = np.log(np.maximum(lengths, 1e-9) / np.array(list(pairs.values())))
-    measured = np.isfinite(ratios)
-    scales = nan_median(ratios)
-    deviations = np.minimum(np.abs(ratios - scales[:, None]), _MAX_LOG_RATIO)
-    count = measured.sum(axis=1)
-    return np.where(count > 2, np.where(measured, deviations, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    deviations = np.minimum(np.abs(ratios - nan_median(ratios)[:, None]), _MAX_LOG_RATIO)
+    return np.where(np.isfinite(ratios).sum(axis=1) > 2, nan_mean(deviations), np.nan)

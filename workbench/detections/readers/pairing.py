@@ -35,8 +35,7 @@ def paired_frames(
 
     Raises
     ------
-    InputError
-        For detections of which none belongs to an image.
+    InputError : for detections of which none belongs to an image.
     """
     starts = {name: _start(each, images[name]) for name, each in numbers.items()}
     shifts = set(starts.values()) - {0}

@@ -11,7 +11,7 @@ import numpy as np
 from workbench.detections.readers.detected_points import DetectedPoints
 from workbench.detections.readers.formats import LAYOUTS
 from workbench.detections.readers.keypoint_files import read_points
-from workbench.detections.readers.layout_by_anatomy import check_layout, is_clear, matching_layout
+from workbench.detections.readers.layout_by_anatomy import CLEAR, check_layout, matching_layout
 from workbench.detections.readers.named_points import joints_of_points, layout_joints, named_points
 from workbench.detections.readers.pairing import paired_frames
 from workbench.utils.arrays import FloatArray, IntArray
@@ -83,8 +83,7 @@ def read_people(
 
     Raises
     ------
-    InputError
-        As `read_points`, `people_of_points` and `paired_frames`.
+    InputError : as `read_points`, `people_of_points` and `paired_frames`.
     """
     points = {name: read_points(path) for name, path in paths.items()}
     points |= {name: replace(points[name], source=video) for name, video in videos.items()}
@@ -105,13 +104,8 @@ def read_people(
     frames, assumptions = paired_frames({name: people[name].frames for name in images_by_name}, images_by_name)
     for name, assumption in assumptions.items():
         log.warning("%s: %s", people[name].source, assumption)
-    return people | {name: _at_frames(people[name], each) for name, each in frames.items()}
-
-
-def _at_frames(people: People, frames: IntArray) -> People:
-    """Return people at other numbers of frames, without those of a negative one."""
-    rows = np.flatnonzero(frames >= 0)
-    return people.at_rows(rows, frames[rows])
+    rows = {name: np.flatnonzero(each >= 0) for name, each in frames.items()}
+    return people | {name: people[name].at_rows(rows[name], each[rows[name]]) for name, each in frames.items()}
 
 
 def people_of_points(
@@ -126,8 +120,7 @@ def people_of_points(
 
     Raises
     ------
-    InputError
-        For a layout with another number of points, an unknown number of points, and names without a joint.
+    InputError : for a layout with another number of points, an unknown number of points, and names without a joint.
     """
     by_number: dict[int, list[FloatArray]] = {}
     sources = dict[int, str]()
@@ -143,10 +136,9 @@ def people_of_points(
             continue
         layouts[number], evidence = matching_layout(sources[number], people)
         if np.isfinite(evidence):
-            certainty = "" if is_clear(evidence) else "not clear, set keypoint_layout; "
-            decisions[layouts[number]] = (
-                f"{certainty}bones deviate {100 * np.expm1(evidence):.0f} % more by the next one"
-            )
+            certainty = "" if evidence >= CLEAR else "not clear, set keypoint_layout; "
+            more = f"{100 * np.expm1(evidence):.0f} % more by the next one"
+            decisions[layouts[number]] = f"{certainty}bones deviate {more}"
     return {
         name: _people_of(each, _NAMED if each.names else layouts[each.n_points]) for name, each in points.items()
     }, decisions

@@ -9,6 +9,7 @@ import numpy as np
 from workbench.evaluation.comparison.joint_motion import JointMotion
 from workbench.evaluation.errors.pose_errors import best_rotation
 from workbench.utils.arrays import FloatArray
+from workbench.utils.nan_statistics import nan_mean
 
 NONE, ROOT, RIGID, SIMILARITY = "none", "root", "rigid", "similarity"
 ALIGNMENTS = (NONE, ROOT, RIGID, SIMILARITY)
@@ -115,8 +116,7 @@ def _difference(estimate: JointMotion, truth: JointMotion, offset: float) -> flo
     span = min(len(estimate.times_s), np.ptp(truth.times_s) / max(estimate.interval_s, 1e-9))
     if inside < max(_MIN_OVERLAP * span, 2.0):
         return np.nan
-    means = np.where(known, difference, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return float(np.sqrt(np.square(difference - means)[known].mean()))
+    return float(np.sqrt(np.square(difference - nan_mean(difference, axis=0))[known].mean()))
 
 
 def aligned(estimate: JointMotion, truth: JointMotion, kind: str) -> tuple[FloatArray, FloatArray, FloatArray]:

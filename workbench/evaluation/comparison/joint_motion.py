@@ -36,9 +36,8 @@ class JointMotion:
     def of_joints(self, names: Sequence[str]) -> "JointMotion":
         """Return the motion of some of its joints, in this order."""
         rows = [self.names.index(name) for name in names]
-        return replace(
-            self, names=tuple(names), positions=self.positions[:, rows], samples=self.samples[:, :, rows]
-        )  # fmt: skip
+        positions, samples = self.positions[:, rows], self.samples[:, :, rows]
+        return replace(self, names=tuple(names), positions=positions, samples=samples)
 
     def at(self, times_s: FloatArray) -> "JointMotion":
         """Return the motion at times (T,), s, interpolated linearly; NaN outside of the frames and in gaps."""
@@ -63,8 +62,7 @@ class JointMotion:
 
 
 def with_pelvis(names: Sequence[str], positions: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the joints (F, J, 3) in the order of JOINT_NAMES, the pelvis in the middle of the hips where it is not
-    given."""
+    """Return the joints (F, J, 3) in the order of JOINT_NAMES, the pelvis, if absent, in the middle of the hips."""
     index = {name: positions[:, k] for k, name in enumerate(names)}
     if "pelvis" not in index and {"left_hip", "right_hip"} <= set(index):
         index["pelvis"] = 0.5 * (index["left_hip"] + index["right_hip"])

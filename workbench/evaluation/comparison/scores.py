@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,35 +10,24 @@ from workbench.evaluation.errors.pose_errors import acceleration_error, procrust
 from workbench.evaluation.metrics import row_of
 from workbench.evaluation.uncertainty.posterior_calibration import crps
 from workbench.utils.arrays import FloatArray
+from workbench.utils.nan_statistics import nan_mean
 
 PCK_M = 0.15
 """Threshold of correct joints (Mehta et al., 3DV 2017), and the last one of the area under the curve."""
 LEVELS = (0.05, 0.95)
-
-
-class Score(NamedTuple):
-    """A score of the table: its title, unit, and number of decimals."""
-
-    title: str
-    unit: str
-    decimals: int
-
-
-SCORES: Mapping[str, Score] = MappingProxyType({
-    "mpjpe": Score("mean joint error", "mm", 1), "mpjpe_root": Score("the same, pelvis aligned", "mm", 1),
-    "pa_mpjpe": Score("the same, Procrustes", "mm", 1), "pck_150": Score("joints within 150 mm", "%", 1),
-    "auc_150": Score("area under the curve up to 150 mm", "%", 1),
-    "acceleration": Score(row_of("acceleration_error_m_s2").title, "m/s²", 2),
-    "missing": Score("joints missing", "%", 1),
-    "coverage_90": Score("coordinates in the 90 % intervals", "%", 1), "crps": Score("CRPS of coordinates", "mm", 1),
+SCORES: Mapping[str, tuple[str, str, int]] = MappingProxyType({
+    "mpjpe": ("mean joint error", "mm", 1), "mpjpe_root": ("the same, pelvis aligned", "mm", 1),
+    "pa_mpjpe": ("the same, Procrustes", "mm", 1), "pck_150": ("joints within 150 mm", "%", 1),
+    "auc_150": ("area under the curve up to 150 mm", "%", 1),
+    "acceleration": (row_of("acceleration_error_m_s2").title, "m/s²", 2),
+    "missing": ("joints missing", "%", 1),
+    "coverage_90": ("coordinates in the 90 % intervals", "%", 1), "crps": ("CRPS of coordinates", "mm", 1),
 })  # fmt: skip
-"""Scores in the order of the table. Means are over the joints without the pelvis, as of `pose_errors.step_errors`."""
+"""Title, unit and number of decimals of the scores, in the order of the table. Means are over the joints without the
+pelvis, as of `pose_errors.step_errors`."""
 _ANGLES = MappingProxyType({
-    f"{side}_{name}": tuple(part if part in ("neck", "pelvis") else f"{side}_{part}" for part in parts)
-    for side in ("left", "right")
-    for name, parts in {
-        "knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist"),
-    }.items()
+    f"{side}_{parts[1]}": tuple(f"{side}_{part}" for part in parts)
+    for side in ("left", "right") for parts in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))
 })  # fmt: skip
 """Angles of flexion, 0 where the limb is straight, by the three joints."""
 
@@ -71,27 +59,25 @@ def frame_scores(
     distances = np.linalg.norm(own - true, axis=-1)
     is_true, known = np.isfinite(true).all(axis=-1), np.isfinite(distances)
     scores = {
-        "mpjpe": 1e3 * _mean(distances),
-        "pck_150": 100.0 * _mean(np.where(known, distances < PCK_M, np.nan)),
-        "auc_150": 100.0 * _mean((1.0 - distances / PCK_M).clip(min=0.0)),
+        "mpjpe": 1e3 * nan_mean(distances),
+        "pck_150": 100.0 * nan_mean(np.where(known, distances < PCK_M, np.nan)),
+        "auc_150": 100.0 * nan_mean((1.0 - distances / PCK_M).clip(min=0.0)),
         "acceleration": np.pad(acceleration_error(own, true, times_s), 1, constant_values=np.nan)
         if len(times_s) > 2
         else np.full(len(times_s), np.nan),
-        "missing": 100.0 * _mean(np.where(is_true, ~known, np.nan)),
-        "pa_mpjpe": 1e3 * np.array([_procrustes(*pair) for pair in zip(own, true, strict=True)]),
+        "missing": 100.0 * nan_mean(np.where(is_true, ~known, np.nan)),
+        "pa_mpjpe": 1e3 * np.array([
+            procrustes(a, np.where(np.isfinite(a), b, np.nan)) for a, b in zip(own, true, strict=True)
+        ]),
     }  # fmt: skip
     if root is not None:
         relative = (own - estimate[:, root, None]) - (true - truth[:, root, None])
-        scores["mpjpe_root"] = 1e3 * _mean(np.linalg.norm(relative, axis=-1))
+        scores["mpjpe_root"] = 1e3 * nan_mean(np.linalg.norm(relative, axis=-1))
     if len(samples):
         scores |= _calibration(samples[:, :, rows], true)
     everywhere = 1e3 * np.linalg.norm(estimate - truth, axis=-1)
     own_angles, true_angles = joint_angles(names, estimate), joint_angles(names, truth)
     return FrameScores(scores, everywhere, {name: (own_angles[name], true_angles[name]) for name in own_angles})
-
-
-def _procrustes(estimate: FloatArray, truth: FloatArray) -> float:
-    return procrustes(estimate, np.where(np.isfinite(estimate), truth, np.nan))
 
 
 def _calibration(samples: FloatArray, truth: FloatArray) -> dict[str, FloatArray]:
@@ -102,8 +88,8 @@ def _calibration(samples: FloatArray, truth: FloatArray) -> dict[str, FloatArray
     weights = np.full(len(samples), 1.0 / len(samples))
     score[known] = crps(np.ascontiguousarray(samples[:, known]), weights, truth[known])
     inside = np.where(known, (low <= truth) & (truth <= high), np.nan)
-    return {"coverage_90": 100.0 * _mean(inside.reshape(len(truth), -1)),
-            "crps": 1e3 * _mean(score.reshape(len(truth), -1))}  # fmt: skip
+    return {"coverage_90": 100.0 * nan_mean(inside.reshape(len(truth), -1)),
+            "crps": 1e3 * nan_mean(score.reshape(len(truth), -1))}  # fmt: skip
 
 
 def joint_angles(names: Sequence[str], positions: FloatArray) -> dict[str, FloatArray]:
@@ -117,15 +103,7 @@ def joint_angles(names: Sequence[str], positions: FloatArray) -> dict[str, Float
 
 
 def _flexion_deg(joints: FloatArray) -> FloatArray:
-    """Return the angle (F,), degrees, between the limbs from the first to the second and to the third joint of (F, 3,
-    3)."""
+    """Return the flexion (F,), degrees, 0 if straight, of limbs that meet in the second of three joints (F, 3, 3)."""
     upper, lower = joints[:, 1] - joints[:, 0], joints[:, 2] - joints[:, 1]
     across = np.linalg.norm(np.cross(upper, lower), axis=-1)
     return np.asarray(np.degrees(np.arctan2(across, (upper * lower).sum(axis=-1))))
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Return the means (F,) of known values (F, K), NaN where none is known."""
-    known = np.isfinite(values)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)

@@ -27,8 +27,7 @@ class MarkerOffsets:
     not replace it.
 
     mpjpe_abs_offset_corrected_mm and mpjpe_offset_corrected_mm are mpjpe_abs_mm and mpjpe_mm, corrected by offsets that
-    are medians over all frames. They are lower bounds over the definitions of a joint, since the offsets are fitted to
-    the same errors.
+    are medians over all frames. They are lower bounds over the definitions of a joint, fitted to the same errors.
 
     Parameters
     ----------
@@ -56,8 +55,7 @@ class MarkerOffsets:
 
     @property
     def corrected_mm(self) -> dict[str, float]:
-        """Return mpjpe_abs_offset_corrected_mm and mpjpe_offset_corrected_mm of all frames so far; {} without
-        frames."""
+        """Return mpjpe_abs_offset_corrected_mm and mpjpe_offset_corrected_mm of the frames so far; {} without any."""
         errors: dict[str, float] = {}
         for name, residuals in self._residuals.items():
             each = [row[np.isfinite(row).all(axis=1)] for row in np.swapaxes(residuals, 0, 1)] if residuals else []

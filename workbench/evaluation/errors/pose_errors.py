@@ -21,6 +21,7 @@ from workbench.core.frame import HUMANEVA_HEAD_M, Frame, Truth, true_cameras
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.step_calibration import given_parameters, joint_calibration, pose_calibration
 from workbench.utils.arrays import FloatArray
+from workbench.utils.nan_statistics import nan_mean
 
 _PCK_M = 0.15
 """Threshold of the percentage of correct keypoints in space (Mehta et al., 3DV 2017): half a head's height."""
@@ -43,9 +44,8 @@ def step_errors(
     largest weight. Means are over the joints below the parameters `moving`, without the root: 14 of a person, elbow and
     wrist of a tracked arm.
 
-    mpjpe_abs_mm: mean joint error in the world. mpjpe_mm: the same after aligning the roots. pa_mpjpe_mm: after
-    Procrustes alignment. humaneva_mm: over all joints with the root, HumanEva's 15, or over HumanEva's own markers
-    where the truth has them. pck_abs_150mm: fraction of the joints within 15 cm.
+    They are defined in `metrics.METRICS`. humaneva_mm is over all joints with the root, HumanEva's 15, or over
+    HumanEva's own markers where the truth has them.
 
     mpjpe_px: mean joint error in the first view, in pixels of the unscaled image; over the visible annotations where
     joints are annotated. humaneva_px: the same over all views. The estimate is projected by the assumed camera, and the
@@ -54,9 +54,6 @@ def step_errors(
     the true joints are known; of an average person of the annotations' height, where joints are annotated.
 
     The calibration of the posterior is that of `step_calibration`; without a true pose, of the joints' coordinates.
-    mpjae_local_deg: mean angle between the
-    joints' estimated and true rotations relative to their parents. knee_flexion_rmse_deg, hip_flexion_rmse_deg: see
-    `flexion_errors`. activity_accuracy: 1 where the estimated activity is the true one, else 0.
 
     Parameters
     ----------
@@ -131,14 +128,14 @@ def humaneva_errors(
     places, neck, head = estimate.copy(), JOINT_NAMES.index("neck"), JOINT_NAMES.index("head_centre")
     upwards = estimate[head] - estimate[neck]
     places[head] = estimate[neck] + HUMANEVA_HEAD_M * upwards / np.linalg.norm(upwards)
-    errors = {"humaneva_mm": 1e3 * float(_mean(np.linalg.norm(places[:, None] - markers, axis=-1).mean(axis=1)))}
+    errors = {"humaneva_mm": 1e3 * float(nan_mean(np.linalg.norm(places[:, None] - markers, axis=-1).mean(axis=1)))}
     cameras = zip((view.camera for view in frame.views), true_cameras(frame), strict=True)
     of_views = [
         np.mean([_pixel_distances(used, places, true.project(markers[:, end])) for end in (0, 1)], axis=0)
         for used, true in cameras
     ]
     if of_views:
-        errors["humaneva_px"] = float(_mean(np.concatenate(of_views))) / image_scale
+        errors["humaneva_px"] = float(nan_mean(np.concatenate(of_views))) / image_scale
     return {name: error for name, error in errors.items() if np.isfinite(error)}
 
 
@@ -181,12 +178,12 @@ def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArra
     places, true, distances = estimate[rows], truth[rows], np.linalg.norm(estimate - truth, axis=-1)
     aligned = np.linalg.norm(places - estimate[0] - (true - truth[0]), axis=-1)
     hits = np.where(np.isnan(distances[rows]), np.nan, distances[rows] < _PCK_M)
-    absolute, root_aligned, correct = _mean(np.stack([distances[rows], aligned, hits])).tolist()
+    absolute, root_aligned, correct = nan_mean(np.stack([distances[rows], aligned, hits])).tolist()
     errors = {
         "mpjpe_abs_mm": 1e3 * absolute,
         "mpjpe_mm": 1e3 * root_aligned,
         "pa_mpjpe_mm": 1e3 * procrustes(places, true),
-        "humaneva_mm": 1e3 * float(_mean(distances)) if len(measured) == len(truth) - 1 else np.nan,
+        "humaneva_mm": 1e3 * float(nan_mean(distances)) if len(measured) == len(truth) - 1 else np.nan,
         "pck_abs_150mm": correct,
     }
     return {name: error for name, error in errors.items() if np.isfinite(error)}
@@ -276,7 +273,7 @@ def mean_distance(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     It is the MPJPE in m, which over 15 virtual markers is HumanEva's 3-D error (eq. 4), and its 2-D error (eq. 5) in
     px.
     """
-    return _mean(np.linalg.norm(estimate - truth, axis=-1))
+    return nan_mean(np.linalg.norm(estimate - truth, axis=-1))
 
 
 def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
@@ -327,11 +324,3 @@ def geodesic_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     axis = between[..., [2, 0, 1], [1, 2, 0]] - between[..., [1, 2, 0], [2, 0, 1]]
     trace = np.trace(between, axis1=-2, axis2=-1)
     return np.degrees(np.arctan2(np.linalg.norm(axis, axis=-1), trace - 1.0))
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Return the mean over the last axis, NaN ignored; NaN where all are."""
-    valid = np.isfinite(values)
-    n = valid.sum(axis=-1)
-    total = np.where(valid, values, 0.0).sum(axis=-1)
-    return np.where(n > 0, total / np.maximum(n, 1), np.nan)

@@ -1,7 +1,6 @@
 """Frames in which a track is lost and recovered, by errors and thresholds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,25 +15,12 @@ UNCERTAIN_MM = 450.0
 an adult's height (Drillis & Contini 1966), beyond which the estimate and the person do not overlap."""
 
 
-@dataclass(frozen=True)
-class TrackEvent:
-    """A loss or a recovery of the track. kind: "lost" or "recovered". frame: index of its first frame in the run."""
-
-    kind: str
-    frame: int
-
-
-def track_events(errors: Series, thresholds: Series, window: int = WINDOW_FRAMES) -> list[TrackEvent]:
-    """Return the losses and recoveries of a track, which alternate: the `crossings` of its errors (F,)."""
-    frames = crossings(errors, thresholds, window)
-    return [TrackEvent("recovered" if k % 2 else "lost", frame) for k, frame in enumerate(frames)]
-
-
 def lost_states(errors: Series, thresholds: Series, window: int = WINDOW_FRAMES) -> BoolArray:
-    """Return whether each frame (F,) lies between a loss and the next recovery, or the end; see `track_events`."""
+    """Return whether each frame (F,) lies between a loss and the next recovery, or the end: the losses and recoveries
+    are in turn the `crossings` of the errors (F,)."""
     lost = np.zeros(len(errors), dtype=bool)
-    for event in track_events(errors, thresholds, window):
-        lost[event.frame :] = event.kind == "lost"
+    for k, frame in enumerate(crossings(errors, thresholds, window)):
+        lost[frame:] = k % 2 == 0
     return lost
 
 

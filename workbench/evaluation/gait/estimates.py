@@ -1,7 +1,5 @@
 """Estimates of measures with 90 % intervals, from the measure of the expected motion and of samples of the motion."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from workbench.utils.arrays import FloatArray
@@ -10,21 +8,6 @@ _Z90 = 1.6449
 """95 % quantile of the normal distribution."""
 MIN_SAMPLES = 10
 """Fewest samples of the motion for an interval: the standard deviation of ten has a standard error of a quarter."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A measure with its 90 % interval, in the measure's unit; NaN where unknown."""
-
-    value: float
-    low: float
-    high: float
-
-
-def estimate_of(values: FloatArray) -> Estimate:
-    """Return the estimate of a measure from its values (M,) in M motions, see `bands_of`."""
-    value, low, high = bands_of(values[:, None])
-    return Estimate(float(value[0]), float(low[0]), float(high[0]))
 
 
 def bands_of(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -46,15 +29,8 @@ def expected_extremes(values: FloatArray) -> FloatArray:
     """Return extremes (M, ...) in M motions, such as ranges, with the mean of the samples' in place of the expected
     motion's, for at least MIN_SAMPLES samples.
 
-    The expected motion is the mean of motions whose extremes differ in size and time: its range is smaller than their
-    mean range.
+    The expected motion is the mean of motions whose extremes differ in size and time: its range is below their mean.
     """
     if len(values) <= MIN_SAMPLES:
         return values
     return np.concatenate([values[1:].mean(axis=0, keepdims=True), values[1:]])
-
-
-def mean_known(values: FloatArray) -> FloatArray:
-    """Return the means (M,) of values (M, n) that are known; NaN where none is, without NumPy's warning."""
-    n = np.isfinite(values).sum(axis=1)
-    return np.where(n > 0, np.nansum(values, axis=1) / np.maximum(n, 1), np.nan)

@@ -95,20 +95,14 @@ def _toe_off(leaving: FloatArray, strike: float, stride: float) -> FloatArray:
     if end - first < 3:
         return unknown
     expected = first + int(np.argmax(leaving[0, first:end]))
-    if expected == 0:
-        return unknown
-    return _near_maximum(leaving, expected, stride)
+    return unknown if expected == 0 else _near_maximum(leaving, expected, stride)
 
 
 def _near_maximum(values: FloatArray, expected: int, stride: float) -> FloatArray:
-    """Return where values (M, F) are largest within _REFINED of a stride from a frame."""
+    """Return where values (M, F) are largest within _REFINED of a stride from a frame, by a parabola."""
     reach = max(round(_REFINED * stride), 1)
-    return _maximum(values, max(expected - reach, 0), min(expected + reach + 1, values.shape[1]))
-
-
-def _maximum(values: FloatArray, first: int, end: int) -> FloatArray:
-    """Return where values (M, F) are largest within [first, end), by a parabola through three frames."""
-    place = first + np.argmax(values[:, first:end], axis=1)
+    first = max(expected - reach, 0)
+    place = first + np.argmax(values[:, first : expected + reach + 1], axis=1)
     inside = np.clip(place, 1, values.shape[1] - 2)
     before, at, after = (np.take_along_axis(values, (inside + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1))
     curvature = before - 2.0 * at + after

@@ -22,8 +22,6 @@ _UNEVEN_S = 1.5e-3
 """Largest deviation of even times; Matroska rounds times to whole milliseconds."""
 _FACING_S = 1.0
 """Time over which the direction of the pelvis is averaged, about a stride, in which it turns to both sides."""
-
-
 _POINTS = ("pelvis", *(f"{side}_{joint}" for joint in ("hip", "ankle", "heel") for side in SIDES))
 
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from workbench.evaluation.gait.estimates import mean_known
 from workbench.evaluation.gait.foot_events import MIN_STRIDE_S, FootEvents
 from workbench.evaluation.gait.stretches import Stretch
 from workbench.utils.arrays import FloatArray
-from workbench.utils.nan_statistics import nan_median
+from workbench.utils.nan_statistics import nan_mean, nan_median
 
 MAX_STRIDE_S = 2.5
 """Longest stride; a longer one is a pause. Very slow walks, of 0.2 m/s, take 2 s."""
@@ -25,8 +24,7 @@ BELT_SPEED = 0.5
 """Backward speed of standing feet over the speed relative to the pelvis from which on they stand on a belt: half way
 from the ground, where it is about 0, to a treadmill, where it is about 1."""
 SLIDING_SPEED = 0.25
-"""The same, in either direction, from which on feet slide on the ground: the largest of recorded walks is 0.05, of a
-run 0.1."""
+"""The same, in either direction, from which on feet slide on the ground: recorded walks reach 0.05, a run 0.1."""
 _LOADED = 0.15
 """Part of the stride after a strike at which a run's leg is bent most and a walk's leg carries the pelvis up."""
 _FLAT_FROM, _FLAT_TO = 0.25, 0.45
@@ -137,13 +135,13 @@ def parameters(left: Strides, right: Strides) -> dict[str, dict[str, FloatArray]
     """
     both = joined([left, right])
     measures: dict[str, dict[str, FloatArray]] = {
-        "speed_m_s": {"both": mean_known(both.distances_m / both.durations_s)},
-        "cadence_steps_min": {"both": 120.0 / mean_known(both.durations_s)},
+        "speed_m_s": {"both": nan_mean(both.distances_m / both.durations_s)},
+        "cadence_steps_min": {"both": 120.0 / nan_mean(both.durations_s)},
     }
     for name, (own, other) in _BY_SIDE.items():
         sides = {"left": own(left) if own else other(right), "right": own(right) if own else other(left)}  # type: ignore[misc]
-        measures[name] = {side: mean_known(values) for side, values in sides.items()}
-    measures["double_support_fraction"] = {"both": mean_known(double_support(both) / both.durations_s)}
+        measures[name] = {side: nan_mean(values) for side, values in sides.items()}
+    measures["double_support_fraction"] = {"both": nan_mean(double_support(both) / both.durations_s)}
     return measures
 
 

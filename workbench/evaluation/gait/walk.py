@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from workbench.evaluation.gait.angle_cycles import AngleCycles, angle_cycles
-from workbench.evaluation.gait.foot_events import FootEvents, foot_events
+from workbench.evaluation.gait.foot_events import foot_events
 from workbench.evaluation.gait.stretches import Stretch, stretch_of
 from workbench.evaluation.gait.strides import (
     BELT_SPEED,
@@ -63,36 +62,31 @@ def walk_of(
     height_m : the person's.
     """
     parts = [stretch_of(names, joints, angles, times_s, rows) for rows in stretches]
-    taken = _strides(parts, [foot_events(part, height_m, runs=True) for part in parts])
-    found = [foot for strides in taken.strides for foot in strides]
+    strides, standing_speed, n_turning, n_pairs = _strides(parts, height_m, runs=True)
+    found = [foot for each in strides for foot in each]
     if not any(map(len, found)):
         return None
     both = joined(found)
     runs = is_run(both)
     if not runs:  # whose toe-offs are found otherwise, which changes no strike
-        taken = _strides(parts, [foot_events(part, height_m, runs=False) for part in parts])
-    left, right = (joined([strides[foot] for strides in taken.strides]) for foot in (0, 1))
+        strides, standing_speed, n_turning, n_pairs = _strides(parts, height_m, runs=False)
+    left, right = (joined([each[foot] for each in strides]) for foot in (0, 1))
     cycles = [
-        angle_cycles([(part, each[foot]) for part, each in zip(parts, taken.strides, strict=True)], rotation)
+        angle_cycles([(part, each[foot]) for part, each in zip(parts, strides, strict=True)], rotation)
         for foot in (0, 1)
     ]
     return Walk(
-        (left, right), parameters(left, right), (cycles[0], cycles[1]), taken.standing_speed,
-        taken.standing_speed >= BELT_SPEED, runs, taken.n_turning, taken.n_pairs - len(both) - taken.n_turning,
+        (left, right), parameters(left, right), (cycles[0], cycles[1]), standing_speed, standing_speed >= BELT_SPEED,
+        runs, n_turning, n_pairs - len(both) - n_turning,
     )  # fmt: skip
 
 
-class _Taken(NamedTuple):
-    """Strides of left and right foot in each stretch. n_pairs: number of pairs of successive strikes of a foot."""
-
-    strides: list[tuple[Strides, Strides]]
-    standing_speed: float
-    n_turning: int
-    n_pairs: int
-
-
-def _strides(parts: Sequence[Stretch], events: Sequence[tuple[FootEvents, FootEvents]]) -> _Taken:
-    """Return the strides in stretches of a motion, on the ground or on a belt."""
+def _strides(
+    parts: Sequence[Stretch], height_m: float, runs: bool
+) -> tuple[list[tuple[Strides, Strides]], float, int, int]:
+    """Return the strides of left and right foot in each stretch, on the ground or on a belt; the standing speed, the
+    number of strides that turn, and that of pairs of successive strikes of a foot."""
+    events = [foot_events(part, height_m, runs) for part in parts]
     grounds = [ground_velocity(part, each) for part, each in zip(parts, events, strict=True)]
     counts = np.array([sum(foot.strikes_s.shape[1] for foot in each) for each in events])
     standing = np.array([share[0] for _, share in grounds])
@@ -104,4 +98,4 @@ def _strides(parts: Sequence[Stretch], events: Sequence[tuple[FootEvents, FootEv
         strides.append(found)
         n_turning += turning
     n_pairs = sum(max(foot.strikes_s.shape[1] - 1, 0) for each in events for foot in each)
-    return _Taken(strides, standing_speed, n_turning, n_pairs)
+    return strides, standing_speed, n_turning, n_pairs

@@ -50,12 +50,6 @@ def weight_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> 
     return below
 
 
-def rank_histogram(all_ranks: FloatArray, n_bins: int = 10) -> IntArray:
-    """Return the counts (n_bins,) of ranks in equal bins: flat if calibrated, U-shaped if overconfident, hump-shaped if
-    underconfident, sloped if biased."""
-    return np.asarray(np.histogram(all_ranks, bins=n_bins, range=(0.0, 1.0))[0])
-
-
 def expected_calibration_error(all_ranks: FloatArray) -> float:
     """Return the mean distance of the coverage of the central 10, 20, … 90 % intervals from their levels.
 

@@ -156,15 +156,12 @@ def _members(names: tuple[str, ...]) -> tuple[list[str], BoolArray]:
 @lru_cache
 def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
     """Return the joints of the groups of GROUPS; the root is the first joint."""
-    members = {
-        g: [k for k, n in enumerate(skeleton.names) if any(w in n for w in words)] for g, words in GROUPS.items()
-    }
-    return {group: np.array(each, np.int64) for group, each in (members | {"root": [0]}).items() if each}
+    groups, belongs = _members(("root", *skeleton.names[1:]))
+    return {group: np.flatnonzero(each) for group, each in zip(groups, belongs, strict=True)}
 
 
 def expected_errors(step: Step, skeleton: Skeleton, relative: bool = False) -> dict[str, float]:
-    """Return expected_error_<group>_mm: the means of the joints' `expected_distances`, the error of the group that the
-    posterior predicts."""
+    """Return expected_error_<group>_mm, the error of a group that the posterior predicts: mean `expected_distances`."""
     distances = 1e3 * expected_distances(step, skeleton, relative)
     return {
         f"expected_error_{group}_mm": float(np.add.reduce(distances[members]) / len(members))  # faster than the mean
@@ -190,8 +187,7 @@ def expected_distances(step: Step, skeleton: Skeleton, relative: bool = False) -
 
 
 def group_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
-    """Return mpjpe_abs_<group>_mm: the mean distance of the expected pose's joints from those true ones that are
-    known."""
+    """Return mpjpe_abs_<group>_mm: the mean distance of the expected pose's joints from the known true ones."""
     truth = step.frame.truth
     if truth is None or truth.joints is None:
         return {}

@@ -47,16 +47,9 @@ def step_gains(pixels: FloatArray, times_s: FloatArray) -> FloatArray:
     where the motion does not determine it, and at the ends.
 
     The factor is the projection of the velocities of all joints in all cameras on the medians of the neighbouring
-    steps; its standard deviation follows from what remains.
-
-    Parameters
-    ----------
-    pixels : (V, F, J, 2), px, NaN where unknown.
-    times_s : (F,), s, increasing.
+    steps; its standard deviation follows from what remains. pixels: (V, F, J, 2), px, or NaN. times_s: (F,), s, F ≥ 6.
     """
     gains, n_steps = np.full(len(times_s), np.nan), len(times_s) - 1
-    if n_steps < 5:
-        return gains
     velocities = np.diff(pixels, axis=1) / np.diff(times_s)[:, None, None]
     steps = [velocities[:, shift : n_steps - 4 + shift] for shift in range(5)]
     now, around = steps[2], nan_median(np.stack([*steps[:2], *steps[3:]], axis=-1))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import find_objects, label
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import joint_of
 from workbench.body.stature import LIMBS, SIDES
 from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
 from workbench.cameras.triangulation import triangulate
@@ -49,8 +49,7 @@ def another_person(measured: RunMeasurements) -> BoolArray:
 
 
 def _changes(measured: RunMeasurements) -> list[tuple[float, int]]:
-    """Return the sudden changes of the logarithm of the person's size, and the rows of the frames from which on they
-    are, in order."""
+    """Return the sudden changes of the logarithm of the person's size, and the rows of their frames, in order."""
     observed, times_s = measured.observed, measured.times_s
     if not measured.has_keypoints or len(times_s) < 2 or (np.diff(times_s) <= 0.0).any():
         return []
@@ -72,8 +71,8 @@ def _changes(measured: RunMeasurements) -> list[tuple[float, int]]:
 def _changes_of_size(joints: FloatArray, n: int) -> FloatArray:
     """Return the changes (F - 2 n + 1,) of the logarithm of the limbs' lengths, of joints (F, J, 2 or 3), between a
     window of n frames before and one from a frame on, the median over limbs; 0 for short clips."""
-    pairs = [(_index(side, a), _index(side, b)) for a, b in _ENDS for side in SIDES]
-    lengths = np.stack([np.linalg.norm(joints[:, a] - joints[:, b], axis=1) for a, b in pairs], axis=1)
+    pairs = [[joint_of(joints, f"{side}_{end}") for end in ends] for ends in _ENDS for side in SIDES]
+    lengths = np.stack([np.linalg.norm(a - b, axis=1) for a, b in pairs], axis=1)
     if len(lengths) < 2 * n:
         return np.zeros(1)
     windows = nan_median(sliding_window_view(np.log(np.maximum(lengths, 1e-9)), n, axis=0))  # (F - n + 1, limbs)
@@ -81,9 +80,4 @@ def _changes_of_size(joints: FloatArray, n: int) -> FloatArray:
 
 
 def _window(times_s: FloatArray, window_s: float) -> int:
-    """Return the number of frames of a window."""
     return max(_MIN_FRAMES, round(window_s / float(np.median(np.diff(times_s)))))
-
-
-def _index(side: str, name: str) -> int:
-    return JOINT_NAMES.index(f"{side}_{name}")

@@ -69,11 +69,6 @@ class JointStates:
         n_lost, n_seen = (self.lost & self.seen).sum(axis=1), self.seen.sum(axis=1)
         return np.asarray((n_seen >= MIN_JOINTS) & (n_lost >= _MIN_LOST * n_seen))
 
-    @cached_property
-    def body_doubtful(self) -> BoolArray:
-        """Return whether any joint that is seen is not tracked, (F,)."""
-        return np.asarray((self.seen & (self.doubtful | self.far | self.lost)).any(axis=1))
-
     def of_joints(self, names: tuple[str, ...]) -> list[str]:
         """Return the worst state of some joints in every frame, F; NOT_SEEN where no camera sees any of them."""
         k = [JOINT_NAMES.index(name) for name in names]
@@ -95,7 +90,7 @@ def joint_states(measured: RunMeasurements) -> JointStates:
     times_s = measured.times_s
     true, annotated = 1e3 * measured.joint_errors_m / TRACKED_MM, annotation_distances(measured) / DOUBTFUL_DISTANCE
     scaled = true if measured.has_truth else relative_distances(measured) / DOUBTFUL_DISTANCE
-    window = odd_window(times_s, 2.0 * MAX_CONFUSION_S)
+    window = odd_window(times_s)
     excess = running_median(scaled, window)
     doubtful = measured.expected_joint_errors_m > 1e-3 * UNCERTAIN_MM
     if not measured.has_truth:
@@ -137,33 +132,33 @@ def contradicted_knees(measured: RunMeasurements) -> BoolArray:
     return np.stack([lasting(each, measured.times_s) for each in differs.T], axis=1)
 
 
-def lasting(chosen: BoolArray, times_s: FloatArray, seconds: float = LASTING_S) -> BoolArray:
-    """Return the frames of the stretches of chosen frames (F,) that last for some seconds, at least WINDOW_FRAMES.
+def lasting(chosen: BoolArray, times_s: FloatArray) -> BoolArray:
+    """Return the frames of the stretches of chosen frames (F,) that last for LASTING_S, at least WINDOW_FRAMES.
 
     A stretch lasts from its first frame to the one after it, and may be interrupted for MAX_CONFUSION_S.
     """
     lasts = np.zeros(len(chosen), bool)
     for first, last in stretches(chosen, times_s):
         end_s = times_s[min(last + 1, len(times_s) - 1)]
-        lasts[first : last + 1] = end_s - times_s[first] >= seconds and last - first + 1 >= WINDOW_FRAMES
+        lasts[first : last + 1] = end_s - times_s[first] >= LASTING_S and last - first + 1 >= WINDOW_FRAMES
     return lasts
 
 
-def stretches(chosen: BoolArray, times_s: FloatArray, gap_s: float = MAX_CONFUSION_S) -> list[tuple[int, int]]:
-    """Return the first and last frame of every stretch of chosen frames (F,), interrupted for up to `gap_s`."""
+def stretches(chosen: BoolArray, times_s: FloatArray) -> list[tuple[int, int]]:
+    """Return the first and last frame of every stretch of chosen frames (F,), interrupted for up to MAX_CONFUSION_S."""
     frames: IntArray = np.flatnonzero(chosen)
     if not len(frames):
         return []
-    breaks = np.flatnonzero((np.diff(frames) > 1) & (np.diff(times_s[frames]) > gap_s))
+    breaks = np.flatnonzero((np.diff(frames) > 1) & (np.diff(times_s[frames]) > MAX_CONFUSION_S))
     firsts, lasts = frames[np.r_[0, breaks + 1]], frames[np.r_[breaks, len(frames) - 1]]
     return [(int(first), int(last)) for first, last in zip(firsts, lasts, strict=True)]
 
 
-def odd_window(times_s: FloatArray, seconds: float) -> int:
-    """Return an odd number of frames that last for some seconds, at least WINDOW_FRAMES."""
+def odd_window(times_s: FloatArray) -> int:
+    """Return an odd number of frames that last for MAX_CONFUSION_S before and after, at least WINDOW_FRAMES."""
     steps_s = np.diff(times_s)
     step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
-    return max(2 * round(0.5 * seconds / step_s) + 1, WINDOW_FRAMES) if step_s > 0.0 else WINDOW_FRAMES
+    return max(2 * round(MAX_CONFUSION_S / step_s) + 1, WINDOW_FRAMES) if step_s > 0.0 else WINDOW_FRAMES
 
 
 def running_median(values: FloatArray, window: int) -> FloatArray:

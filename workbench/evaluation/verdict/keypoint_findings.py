@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import JOINT_NAMES, joint_of
 from workbench.body.stature import LIMBS, SIDES
 from workbench.cameras.image_height import height_px
 from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
@@ -81,15 +81,12 @@ def _longest_limb(pixels: FloatArray) -> float:
     """Return the height by an average person's proportions of the longest limb of joints (F, J, 2), px, over their
     height, the median over the frames with head or shoulders and ankles; 0 without."""
     average = from_height(1.0)
-    ends = [
-        (JOINT_NAMES.index(f"{side}_{a}"), JOINT_NAMES.index(f"{side}_{b}"), getattr(average, limb))
-        for limb, (a, b) in LIMBS.items()
-        for side in SIDES
-    ]
     seen = np.isfinite(pixels[..., 0])
     whole = pixels[seen[:, _UPPER].any(axis=1) & seen[:, _ANKLES].any(axis=1)]
     if not len(whole):
         return 0.0
-    implied = np.stack([np.linalg.norm(whole[:, a] - whole[:, b], axis=1) / length for a, b, length in ends])
+    limbs = [(getattr(average, limb), [joint_of(whole, f"{side}_{end}") for end in ends])
+             for limb, ends in LIMBS.items() for side in SIDES]  # fmt: skip
+    implied = np.stack([np.linalg.norm(a - b, axis=1) / length for length, (a, b) in limbs])
     longest = np.nan_to_num(implied).max(axis=0)
     return float(np.median(longest / np.maximum(height_px(whole), 1e-9)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import joint_of
 from workbench.body.stature import SIDES
 from workbench.utils.arrays import FloatArray
 
@@ -17,14 +17,14 @@ def bends(joints: FloatArray) -> FloatArray:
     joints: (F, J, 3), m. Forwards is perpendicular to the hips and to the trunk, by the names left and right. With
     exchanged names it is backwards, and bends are negative.
     """
-    across = _of(joints, "left", "hip") - _of(joints, "right", "hip")
-    up = 0.5 * (_of(joints, "left", "shoulder") + _of(joints, "right", "shoulder"))  # not every detector has a neck
-    up = up - 0.5 * (_of(joints, "left", "hip") + _of(joints, "right", "hip"))
+    across = joint_of(joints, "left_hip") - joint_of(joints, "right_hip")
+    up = 0.5 * (joint_of(joints, "left_shoulder") + joint_of(joints, "right_shoulder"))  # not every detector has a neck
+    up = up - 0.5 * (joint_of(joints, "left_hip") + joint_of(joints, "right_hip"))
     ahead = np.cross(across, up)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
     by_side = []
     for side in SIDES:
-        hip, knee, ankle = (_of(joints, side, name) for name in ("hip", "knee", "ankle"))
+        hip, knee, ankle = (joint_of(joints, f"{side}_{name}") for name in ("hip", "knee", "ankle"))
         leg = ankle - hip
         length = np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-12)
         offset = (knee - hip) - ((knee - hip) * leg).sum(axis=1, keepdims=True) * leg / length**2
@@ -32,7 +32,3 @@ def bends(joints: FloatArray) -> FloatArray:
         by_side.append(((offset * ahead).sum(axis=1) / length[:, 0])[bent])
     each = np.concatenate(by_side)
     return each[np.isfinite(each)]
-
-
-def _of(joints: FloatArray, side: str, name: str) -> FloatArray:
-    return joints[:, JOINT_NAMES.index(f"{side}_{name}")]

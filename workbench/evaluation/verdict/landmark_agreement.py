@@ -7,7 +7,7 @@ over half a second and more either they or the estimate are wrong.
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import joint_of
 from workbench.body.stature import SIDES
 from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import FloatArray
@@ -36,7 +36,7 @@ def knee_differences_deg(measured: RunMeasurements) -> FloatArray:
 def _forward(joints: FloatArray) -> FloatArray:
     """Return the unit direction (..., 3) in which the torso of joints (..., J, 3) faces, by shoulders and hips."""
     left_shoulder, right_shoulder, left_hip, right_hip = (
-        _of(joints, f"{side}_{name}") for name in ("shoulder", "hip") for side in SIDES
+        joint_of(joints, f"{side}_{name}") for name in ("shoulder", "hip") for side in SIDES
     )
     to_left = left_shoulder - right_shoulder + left_hip - right_hip
     forward = np.cross(to_left, left_shoulder + right_shoulder - left_hip - right_hip)
@@ -47,12 +47,8 @@ def _knee_angles(joints: FloatArray) -> FloatArray:
     """Return the angles (..., 2) between thigh and shank of the joints (..., J, 3), π of a straight leg."""
     angles = []
     for side in SIDES:
-        hip, knee, ankle = (_of(joints, f"{side}_{name}") for name in ("hip", "knee", "ankle"))
+        hip, knee, ankle = (joint_of(joints, f"{side}_{name}") for name in ("hip", "knee", "ankle"))
         thigh, shank = hip - knee, ankle - knee
         lengths = np.linalg.norm(thigh, axis=-1) * np.linalg.norm(shank, axis=-1)
         angles.append(np.arccos(((thigh * shank).sum(axis=-1) / np.maximum(lengths, 1e-12)).clip(-1.0, 1.0)))
     return np.stack(angles, axis=-1)
-
-
-def _of(joints: FloatArray, name: str) -> FloatArray:
-    return np.asarray(joints[..., JOINT_NAMES.index(name), :])

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import joint_of
 from workbench.body.stature import limb_lengths, usual_height
 from workbench.cameras.calibration_findings import HEIGHTS_M, MAX_HEIGHT_ERROR, distance, upright
 from workbench.cameras.observed_joints import MIN_WEIGHT, some_frames
@@ -13,7 +13,6 @@ from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.verdict.run_measurements import RunMeasurements, foot_speeds, walking_velocity
 from workbench.evaluation.verdict.track_outcome import has_values
 from workbench.evaluation.verdict.walk_ratio import steps_of
-from workbench.utils.arrays import FloatArray
 from workbench.utils.finding import Finding
 
 _LIMB_TOLERANCE = 0.25
@@ -100,7 +99,7 @@ def _walk(measured: RunMeasurements) -> Iterator[Finding]:
     if sliding > _MAX_SLIDING:
         text = f"the standing foot slides at {sliding:.0%} of the pelvis' speed of {np.median(speed):.2f} m/s"
         yield Finding("ground contact", text)
-    across = _joint(places, "left_hip") - _joint(places, "right_hip")
+    across = joint_of(places, "left_hip") - joint_of(places, "right_hip")
     ahead = np.stack([across[:, 1], -across[:, 0]], axis=1)[walks]  # of an upright person
     cosine = (ahead * velocity[walks]).sum(axis=1) / np.maximum(np.linalg.norm(ahead, axis=1) * speed, 1e-12)
     backwards = float((cosine < -0.5).mean())
@@ -114,12 +113,8 @@ def _place(measured: RunMeasurements) -> Iterator[Finding]:
     places = measured.estimated_joints
     if has_values(places[:, 0]):
         yield from (distance(camera, places[:, 0]) for camera in measured.observed.cameras)
-    ankles = places[:, [JOINT_NAMES.index("left_ankle"), JOINT_NAMES.index("right_ankle")]]
+    ankles = measured.pelvis_and_ankles[:, 1:]
     standing = np.take_along_axis(ankles, ankles[:, :, 2:].argmin(axis=1)[:, None], axis=1)[:, 0]
-    body, trunk = (_joint(places, "neck") - each for each in (standing, places[:, 0]))
+    body, trunk = (joint_of(places, "neck") - each for each in (standing, places[:, 0]))
     if has_values(body + trunk):
         yield upright(np.nanmean(body, axis=0), np.nanmean(trunk, axis=0), "in the mean of the estimate")
-
-
-def _joint(places: FloatArray, name: str) -> FloatArray:
-    return places[:, JOINT_NAMES.index(name)]

@@ -26,10 +26,10 @@ MOVING_CAMERA = "moving camera"
 class RunInputs:
     """Configured inputs of a run.
 
-    height_m: the person's. rate_hz, source_rate_hz: configured rate of the frames, and the
-    rate in their source's file. shows_person: the dataset has observations of the person. input_counts: of the frames
-    in which a person was selected among the detected ones, see `TargetPerson`; empty without detections.
-    camera_travels: the only camera changes its place.
+    height_m: the person's. rate_hz, source_rate_hz: configured rate of the frames, and the rate in their source's file.
+    shows_person: the dataset has observations of the person. input_counts: of the frames in which a person was selected
+    among the detected ones, see `TargetPerson`; empty without detections. camera_travels: the only camera changes its
+    place.
     """
 
     height_m: float | None = None

@@ -124,9 +124,9 @@ class MeasurementCollector:
 
     def __init__(self, body: Body, scale: float = 1.0) -> None:
         self._body, self._scale = body.without_feet, scale
-        body = self._body
-        named = [name for name in JOINT_NAMES if name in body.skeleton.names]
-        self._body_joints, self._named = list(map(body.skeleton.joint, named)), list(map(JOINT_NAMES.index, named))
+        skeleton = self._body.skeleton
+        named = [name for name in JOINT_NAMES if name in skeleton.names]
+        self._body_joints, self._named = list(map(skeleton.joint, named)), list(map(JOINT_NAMES.index, named))
         self._rows: list[dict[str, Any]] = []
         self._cameras: dict[str, Camera] = {}
         self._searched: set[str] = set()
@@ -153,19 +153,16 @@ class MeasurementCollector:
             uncertain = _uncertain(expected_errors(step, self._body.skeleton, relative=True))
         if len(step.poses) == 1:  # no stated uncertainty
             errors = {name: value for name, value in errors.items() if not name.startswith("coverage_")}
-        pixels = {view.camera.name: view.camera.project(places) for view in frame.views}
+        views = {view.camera.name: view for view in frame.views}
+        pixels = {name: view.camera.project(places) for name, view in views.items()}
         self._rows.append(
             {
                 "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
-                "keypoints": {view.camera.name: view.keypoints for view in frame.views if view.keypoints is not None},
-                "in_cameras": {view.camera.name: self._in_first(view) for view in frame.views},
-                "distances_px": {
-                    view.camera.name: self._distances_px(view, pixels[view.camera.name]) for view in frame.views
-                },
-                "landmarks": {view.camera.name: _world_landmarks(view) for view in frame.views},
-                "in_image": {
-                    view.camera.name: _in_image(view.camera, pixels[view.camera.name]) for view in frame.views
-                },
+                "keypoints": {name: view.keypoints for name, view in views.items() if view.keypoints is not None},
+                "in_cameras": {name: self._in_first(view) for name, view in views.items()},
+                "distances_px": {name: self._distances_px(view, pixels[name]) for name, view in views.items()},
+                "landmarks": {name: _world_landmarks(view) for name, view in views.items()},
+                "in_image": {name: _in_image(view.camera, pixels[name]) for name, view in views.items()},
                 "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
                 "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
                 "annotation_distances_px": self._annotation_distances_px(frame, places),
@@ -208,43 +205,40 @@ class MeasurementCollector:
 
     def measurements(self) -> RunMeasurements:
         """Return the measurements of all steps so far."""
-        rows, n, cameras = self._rows, len(self._rows), self._cameras
-        series = {
-            name: np.array([row[name] for row in rows], np.float64)
-            for name in (
-                "time_s", "annotation_height_px", "inlier_fraction", "depth_std_m", "depth_error_m", "joints",
-                "extent_m", "annotation_distances_px", "joint_errors_m", "expected_joint_errors_m",
-            )
-        }  # fmt: skip
-        none = np.full((len(JOINT_NAMES), 3), np.nan)
-        keypoints = np.array([[row["keypoints"].get(name, none) for row in rows] for name in cameras], np.float64)
+        rows, n, n_joints, cameras = self._rows, len(self._rows), len(JOINT_NAMES), self._cameras
+
+        def column(name: str, *shape: int) -> FloatArray:
+            return np.array([row[name] for row in rows], np.float64).reshape(n, *shape)
+
+        def by_view(name: str, *shape: int) -> FloatArray:
+            unknown = np.full(shape, np.nan)
+            values = [[row[name].get(camera, unknown) for camera in cameras] for row in rows]
+            return np.array(values, np.float64).reshape(n, len(cameras), *shape)
+
+        keypoints, in_cameras = (
+            np.ascontiguousarray(by_view(name, n_joints, 3).swapaxes(0, 1)) for name in ("keypoints", "in_cameras")
+        )
         inside = np.array([[row["in_image"].get(name, False) for name in cameras] for row in rows], bool)
-        distances = np.array([[row["distances_px"].get(name, none[:, 0]) for name in cameras] for row in rows])
-        landmarks = np.array([[row["landmarks"].get(name, none) for name in cameras] for row in rows])
         errors = list(dict.fromkeys(name for row in rows for name in row["errors"]))
         searched = np.array([name in self._searched for name in cameras], bool)
-        in_cameras = np.array([[row["in_cameras"].get(name, none) for row in rows] for name in cameras], np.float64)
-        shape = len(cameras), n, len(JOINT_NAMES), 3
         observed = ObservedJoints(
-            tuple(cameras.values()), keypoints.reshape(shape), searched, times_s=series["time_s"], scale=self._scale,
-            in_cameras=in_cameras.reshape(shape) if self._turns else None,
+            tuple(cameras.values()), keypoints, searched, times_s=column("time_s"), scale=self._scale,
+            in_cameras=in_cameras if self._turns else None,
         )  # fmt: skip
         return RunMeasurements(
-            frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=series["time_s"],
+            frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=column("time_s"),
             observed=observed, in_image=inside.reshape(n, len(cameras)),
-            keypoint_distances_px=distances.reshape(n, len(cameras), len(JOINT_NAMES)),
-            world_landmarks=landmarks.reshape(n, len(cameras), len(JOINT_NAMES), 3),
-            annotation_distances_px=series["annotation_distances_px"].reshape(n, len(JOINT_NAMES)),
-            joint_errors_m=series["joint_errors_m"].reshape(n, len(JOINT_NAMES)),
-            expected_joint_errors_m=series["expected_joint_errors_m"].reshape(n, len(JOINT_NAMES)),
+            keypoint_distances_px=by_view("distances_px", n_joints), world_landmarks=by_view("landmarks", n_joints, 3),
+            annotation_distances_px=column("annotation_distances_px", n_joints),
+            joint_errors_m=column("joint_errors_m", n_joints),
+            expected_joint_errors_m=column("expected_joint_errors_m", n_joints),
             errors={name: np.array([row["errors"].get(name, np.nan) for row in rows]) for name in errors},
-            annotation_height_px=series["annotation_height_px"],
+            annotation_height_px=column("annotation_height_px"),
             lengths_m={limb: float(getattr(self._body.shape, limb)) for limb in LIMBS},
-            inlier_fraction=series["inlier_fraction"],
-            uncertain_groups=tuple(row["uncertain"] for row in rows), cost_decrease=self._cost_decrease,
-            estimated_joints=series["joints"].reshape(n, len(JOINT_NAMES), 3), depth_std_m=series["depth_std_m"],
-            depth_error_m=series["depth_error_m"],
-            point_extent_m=series["extent_m"].reshape(n, 3),
+            inlier_fraction=column("inlier_fraction"), uncertain_groups=tuple(row["uncertain"] for row in rows),
+            cost_decrease=self._cost_decrease, estimated_joints=column("joints", n_joints, 3),
+            depth_std_m=column("depth_std_m"), depth_error_m=column("depth_error_m"),
+            point_extent_m=column("extent_m", 3),
         )  # fmt: skip
 
 
@@ -254,8 +248,7 @@ def _uncertain(errors: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def _depth_std(step: Step) -> float:
-    """Return the standard deviation, m, of the root's depth in the only camera; NaN for another number of cameras or a
-    single particle."""
+    """Return the standard deviation, m, of the root's depth in the only camera; NaN for several, or one particle."""
     if len(step.frame.views) != 1 or len(step.poses) < 2:
         return float("nan")
     depths, weights = step.poses[:, :N_POSITION] @ step.frame.views[0].camera.rotation[2], np.exp(step.log_weights)
@@ -288,14 +281,12 @@ def stance(pelvis: FloatArray, ankles: FloatArray, times_s: FloatArray) -> Float
     ankles : (F, 2, 3), m, left and right.
     times_s : (F,), s.
     """
-    stances = np.full((len(times_s), 2), np.nan)
     velocity = walking_velocity(pelvis, times_s)
-    if not (walks := np.isfinite(velocity[:, 0])).any():
-        return stances
+    if not np.isfinite(velocity).any():
+        return np.full((len(times_s), 2), np.nan)
     relative = _velocity((ankles - pelvis[:, None])[..., :2], times_s, _STEP_S)
     forwards = np.einsum("fsk,fk->fs", relative, velocity)
-    stances[walks] = forwards[walks] < 0.0
-    return np.where(np.isfinite(forwards), stances, np.nan)
+    return np.where(np.isfinite(forwards), forwards < 0.0, np.nan)
 
 
 def _velocity(positions: FloatArray, times_s: FloatArray, reach_s: float) -> FloatArray:

@@ -30,8 +30,7 @@ than every fifth step is missing; with less than the second, most of the motion.
 
 
 def tracked_frames(measured: RunMeasurements, input_counts: Mapping[str, int], states: Sequence[str]) -> str:
-    """Return in how many frames of the video the person is tracked, "" without detections; parameters as of
-    `lost_person`."""
+    """Return in how many frames of the video the person is tracked, "" without detections; see `lost_person`."""
     if not (n := input_counts.get("frames", 0)):
         return ""
     seen, empty = n - input_counts.get("frames_unseen", 0), input_counts.get("frames_empty", 0)
@@ -98,14 +97,11 @@ def time_findings(measured: RunMeasurements, rate_hz: float | None, file_hz: flo
         where = f"from frame {measured.frames[k]} to {measured.frames[k + 1]}"
         yield Finding("frame-rate mismatch", f"times do not increase, {where} they go {step}", NOT_USABLE)
         return
+    measured_hz = 1.0 / np.median(steps_s) if len(steps_s) else np.nan
     if rate_hz and file_hz and abs(np.log(rate_hz / file_hz)) > _RATE_TOLERANCE:
         text = f"{rate_hz:g} Hz are configured and {file_hz:g} Hz are in the file, so that times and speeds are wrong"
         yield Finding("frame-rate mismatch", text)
-    elif (
-        rate_hz
-        and len(steps_s)
-        and abs(np.log(measured_hz := 1.0 / np.median(steps_s)) - np.log(rate_hz)) > np.log(1.0 + _RATE_TOLERANCE)
-    ):
+    elif rate_hz and abs(np.log(measured_hz) - np.log(rate_hz)) > np.log(1.0 + _RATE_TOLERANCE):
         text = f"the frames' times have {measured_hz:.3g} Hz and {rate_hz:g} Hz are configured"
         yield Finding("frame-rate mismatch", f"{text}, so that speeds are wrong")
 

@@ -1,7 +1,6 @@
 """Outcome of a run: whether the person was tracked, frame by frame, by ground truth, annotations or keypoints."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from workbench.evaluation.verdict.run_measurements import RunMeasurements
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.crossings import WINDOW_FRAMES
 from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding
+from workbench.utils.nan_statistics import nan_mean
 
 _MOSTLY, _FAR = 0.5, 2.0
 """A run is not usable if at least this fraction of its frames is lost, with mean errors of at least this many
@@ -59,34 +59,25 @@ def outcome(measured: RunMeasurements, joints: JointStates, shows_person: bool) 
     return Finding(TRACKED, _and(f"tracked {where}", details), TRUSTWORTHY), tuple(states)
 
 
-@dataclass(frozen=True, eq=False)
-class DepthDrift:
-    """Drift of the estimate along the line of sight.
-
-    message: a clause with its size, "" below TRACKED_MM. exceeds: (F,) whether it is larger than TRACKED_MM and the
-    90 % interval that the run states for the depth.
-    """
-
-    message: str
-    exceeds: BoolArray
-
-
-def depth_drift(measured: RunMeasurements) -> DepthDrift:
-    """Return the drift in depth, averaged over _DRIFT_S, in the frames after the first."""
+def depth_drift(measured: RunMeasurements) -> tuple[str, BoolArray]:
+    """Return a clause with the size of the estimate's drift along the line of sight, averaged over _DRIFT_S, in the
+    frames after the first, "" below TRACKED_MM; and whether it is larger than TRACKED_MM and the 90 % interval that the
+    run states for the depth, (F,)."""
     steps_s, error_mm = np.diff(measured.times_s), 1e3 * np.abs(measured.depth_error_m)
     error_mm[:1] = np.nan
     window = max(WINDOW_FRAMES, int(_DRIFT_S / np.median(steps_s)) if len(steps_s) and np.median(steps_s) > 0.0 else 0)
     limits = np.fmax(TRACKED_MM, _NORMAL_90 * 1e3 * measured.depth_std_m)
     drifts = lost_states(error_mm, np.full(len(error_mm), TRACKED_MM), window)
     message = f"depth drifted by {np.nanmax(error_mm[drifts]):.0f} mm" if drifts.any() else ""
-    return DepthDrift(message, lost_states(error_mm, limits, window))
+    return message, lost_states(error_mm, limits, window)
 
 
 def doubtful_frames(measured: RunMeasurements, joints: JointStates) -> BoolArray:
     """Return whether the depth drifted beyond its stated uncertainty, the error expected by the posterior exceeds
     UNCERTAIN_MM, or a joint is not tracked, (F,)."""
     uncertain: BoolArray = np.array([bool(groups) for groups in measured.uncertain_groups], dtype=bool)
-    return np.asarray(uncertain | depth_drift(measured).exceeds | joints.body_doubtful)
+    untracked: BoolArray = np.any(joints.seen & (joints.doubtful | joints.far | joints.lost), axis=1)
+    return np.asarray(uncertain | depth_drift(measured)[1] | untracked)
 
 
 def _losses(measured: RunMeasurements, joints: JointStates) -> dict[str, BoolArray]:
@@ -117,8 +108,8 @@ def _evaluated(measured: RunMeasurements) -> BoolArray:
 
 def _keypoint_distances(measured: RunMeasurements) -> tuple[FloatArray, FloatArray]:
     """Return the distances from the keypoints, and a forearm's width in the image, means over views, (F,) each, px."""
-    width_px = FOREARM_OVER_HEIGHT * mean_over_views(measured.person_height_px)
-    return mean_over_views(measured.keypoint_error_px), np.where(width_px > 0.0, width_px, np.nan)
+    width_px = FOREARM_OVER_HEIGHT * nan_mean(measured.person_height_px)
+    return nan_mean(measured.keypoint_error_px), np.where(width_px > 0.0, width_px, np.nan)
 
 
 def _relative_errors(measured: RunMeasurements) -> FloatArray:
@@ -144,8 +135,7 @@ def _described_loss(
 
 
 def _recovery(measured: RunMeasurements, joints: JointStates, end: int) -> str:
-    """Describe the recovery after a loss that ends before frame index `end`: where all joints stay tracked, or which
-    joints do not."""
+    """Describe the recovery from a loss up to frame `end`, excluded: where all joints stay tracked, or which do not."""
     away = (joints.seen & (joints.far | joints.lost))[end:]
     if not away.any():
         return f"recovered from frame {measured.frames[end]}"
@@ -179,9 +169,9 @@ def _details(measured: RunMeasurements) -> str:
     ]
     if not measured.has_truth:
         parts += [_annotation_error(measured), _keypoint_error(measured)]
-    drift = depth_drift(measured)
-    if drift.message and not drift.exceeds.any():  # otherwise a finding
-        parts.append(f"{drift.message}, within its 90 % interval")
+    drift, exceeds = depth_drift(measured)
+    if drift and not exceeds.any():  # otherwise a finding
+        parts.append(f"{drift}, within its 90 % interval")
     depth_m = measured.depth_std_m
     if has_values(depth_m) and not measured.has_truth:
         estimated = any(camera.uncertainty is not None for camera in measured.observed.cameras)
@@ -214,13 +204,6 @@ def _keypoint_error(measured: RunMeasurements) -> str:
         f"joints {np.nanmean(px):.1f} px from the keypoints{by_camera}, {relative:.1%} of the person's height, in {n} "
         f"of {len(px)} frames"
     )
-
-
-def mean_over_views(table: FloatArray) -> FloatArray:
-    """Return the mean (F,) over views (F, V), NaN ignored, NaN where all are."""
-    valid = np.isfinite(table)
-    total = np.where(valid, table, 0.0).sum(axis=1)
-    return np.where(valid.any(axis=1), total / np.maximum(valid.sum(axis=1), 1), np.nan)
 
 
 def has_values(values: FloatArray) -> bool:

@@ -41,9 +41,9 @@ def _uncertainty(measured: RunMeasurements) -> Iterator[Finding]:
     if covered < _MIN_COVERAGE:
         text = f"the 90 % credible intervals cover {covered:.0%} of the true values"
         yield Finding("overconfident", text, DOUBTFUL if covered >= _HARDLY_ANY_COVERAGE else NOT_USABLE)
-    drift = depth_drift(measured)
-    if drift.exceeds.any():
-        yield Finding("depth drift", drift.message)
+    drift, exceeds = depth_drift(measured)
+    if exceeds.any():
+        yield Finding("depth drift", drift)
     shown = measured.observed_frames
     uncertain = [groups for groups, valid in zip(measured.uncertain_groups, shown, strict=True) if groups and valid]
     if len(uncertain) > 0.5 * shown.sum():

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import joint_of
 from workbench.utils.arrays import FloatArray
 
 _MIN_SEPARATION, _MIN_STEP = 0.1, 0.1
@@ -39,9 +39,9 @@ def steps_of(joints: FloatArray, times_s: FloatArray, height_m: float) -> Steps 
     times_s : (F,), s.
     height_m : the person's.
     """
-    across = _joint(joints, "left_hip") - _joint(joints, "right_hip")
+    across = joint_of(joints, "left_hip") - joint_of(joints, "right_hip")
     ahead = np.column_stack([across[:, 1], -across[:, 0]])
-    ankles = (_joint(joints, "left_ankle") - _joint(joints, "right_ankle"))[:, :2]
+    ankles = (joint_of(joints, "left_ankle") - joint_of(joints, "right_ankle"))[:, :2]
     separation = (ankles * ahead).sum(axis=1) / np.maximum(np.linalg.norm(ahead, axis=1), 1e-12)
     crossings = _crossings(separation, _MIN_SEPARATION * height_m)
     places = np.array([np.interp(crossings, np.arange(len(times_s)), joints[:, 0, axis]) for axis in (0, 1)])
@@ -63,7 +63,3 @@ def _crossings(values: FloatArray, threshold: float) -> FloatArray:
         k = a + int(np.flatnonzero(np.diff(np.sign(values[a : b + 1])))[0])
         times.append(k + values[k] / (values[k] - values[k + 1]))
     return np.array(times, np.float64)
-
-
-def _joint(joints: FloatArray, name: str) -> FloatArray:
-    return joints[:, JOINT_NAMES.index(name)]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from workbench.motion.formats.joint_names import skeleton_joints
-from workbench.motion.formats.text import fail, gap_numbers, numbers, points, read_lines
+from workbench.motion.formats.text import fail, gap_numbers, numbers, points
 from workbench.motion.formats.trc import RawMarkers, at_grid
 from workbench.utils import input_limits
 from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
@@ -39,18 +39,18 @@ class _Table(NamedTuple):
     has_frames: bool = True
 
 
-def is_laboratory_table(path: Path) -> bool:
-    """Return whether a file is a table of Qualisys, Motive or Vicon Nexus; raises InputError if it cannot be read."""
-    starts = [re.split(r"[\t,;]", line.strip('"'), maxsplit=1)[0].strip('" ') for line in read_lines(path)]
+def is_laboratory_table(lines: Sequence[str]) -> bool:
+    """Return whether the lines of a file are a table of Qualisys, Motive or Vicon Nexus."""
+    starts = [re.split(r"[\t,;]", line.strip('"'), maxsplit=1)[0].strip('" ') for line in lines]
     return starts[0] in (_QUALISYS, _MOTIVE) or _VICON in starts
 
 
-def read_laboratory_markers(path: Path) -> RawMarkers:
-    """Return the markers of a table of Qualisys, Motive or Vicon Nexus, or the joints of a skeleton of Motive.
+def laboratory_markers(path: Path, lines: Sequence[str]) -> RawMarkers:
+    """Return the markers in the lines of a table of Qualisys, Motive or Vicon Nexus, or the joints of a skeleton of
+    Motive.
 
     Missing frames are gaps, unlabeled markers are ignored. Raises InputError, with the line, for other content.
     """
-    lines = read_lines(path)
     rows = list(csv.reader(lines, delimiter=max("\t,;", key="\n".join(lines[:12]).count)))
     rows = [[cell.strip() for cell in row] for row in rows]
     find = {_QUALISYS: _qualisys, _MOTIVE: _motive}.get(rows[0][0] if rows[0] else "", _vicon)

@@ -14,8 +14,9 @@ from workbench.body.stature import stature
 from workbench.motion.formats.c3d import read_c3d
 from workbench.motion.formats.hip_centres import hip_centres, pelvis_markers
 from workbench.motion.formats.joint_names import marker_joints
-from workbench.motion.formats.laboratory_markers import is_laboratory_table, read_laboratory_markers
-from workbench.motion.formats.trc import RawMarkers, read_joint_csv, read_trc
+from workbench.motion.formats.laboratory_markers import is_laboratory_table, laboratory_markers
+from workbench.motion.formats.text import read_lines
+from workbench.motion.formats.trc import RawMarkers, joints_of_csv, read_trc
 from workbench.motion.formats.units_axes import metres_per_unit, upward, vertical_axis, world_axes
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
@@ -76,7 +77,8 @@ def read_markers(
 
 
 def _read_table(path: Path) -> RawMarkers:
-    return read_laboratory_markers(path) if is_laboratory_table(path) else read_joint_csv(path)
+    lines = read_lines(path)
+    return laboratory_markers(path, lines) if is_laboratory_table(lines) else joints_of_csv(path, lines)
 
 
 def in_world(

@@ -93,13 +93,13 @@ def read_trc(path: Path) -> RawMarkers:
     return RawMarkers(names, rate_hz, at_grid(path, rows, positions), header.get("Units", ""), forward=forward)
 
 
-def read_joint_csv(path: Path) -> RawMarkers:
-    """Return the joints of a CSV table of `motion_export.csv_text`: columns frame, time_s and <joint>_x_m, _y_m, _z_m.
+def joints_of_csv(path: Path, lines: Sequence[str]) -> RawMarkers:
+    """Return the joints in the lines of a CSV table of `motion_export.csv_text`: columns frame, time_s and <joint>_x_m,
+    _y_m, _z_m.
 
     Rows are as in `read_trc`; other columns, as the pose's with its root_x_m, are ignored. Raises InputError, with the
     line, for other content.
     """
-    lines = read_lines(path)
     columns = _cells(lines[0], ",")
     names = [column.removesuffix("_x_m") for column in columns if column.endswith("_x_m") and column != "root_x_m"]
     wanted = ["frame", "time_s", *[f"{name}_{axis}_m" for name in names for axis in "xyz"]]

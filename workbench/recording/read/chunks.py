@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, TypeAlias, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -30,8 +30,6 @@ _CONVERSION_ERRORS = (
 
 EVERYTHING = ("/**", "/__properties/**")
 """Contents of a whole recording."""
-
-
 SCALARS, DRAWS = "Scalars:scalars", "Draws:poses"
 """Components of curves and of samples of the motion."""
 
@@ -43,9 +41,6 @@ class Curve:
     frames: IntArray
     values: FloatArray
 
-
-Timed: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
-"""Frames (F,), ascending; times (F,), s; values (F, ...)."""
 
 _TORN = ("exceeds file size", "without footer")
 _ADVICE = "; `rerun rrd optimize FILE -o WHOLE.rrd` saves what comes before the cut"
@@ -129,8 +124,7 @@ _END = 0
 
 
 def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
-    """Return the offset of the end of the last whole message before the index; begin: offset of the first message
-    read."""
+    """Return the offset of the end of the last whole message before the index; begin: of the first message read."""
     size, place = os.fstat(file.fileno()).st_size, begin
     while place + 16 <= size:
         file.seek(place)
@@ -210,8 +204,8 @@ _TIMED = {
 }
 
 
-def timed(path: Path, name: str) -> Timed:
-    """Return frames (F,), times (F,), s, and values of the frames of a recording that have them; F may be 0.
+def timed(path: Path, name: str) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return frames (F,), ascending, times (F,), s, and values of the frames that have them; F may be 0.
 
     name: poses (F, P), or joints or true_joints (F, J, 3), m, as float32.
     """

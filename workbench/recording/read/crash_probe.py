@@ -37,14 +37,9 @@ def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
 def read_sound_run(path: Path) -> Run:
     """Read a recording, see `read`; raises InputError also for one whose decoding crashes."""
     path = recording_at(path)
-    refuse_crashing([path])
+    if crashing_recordings([path]):
+        raise InputError(crash_message(path))
     return read(path)
-
-
-def refuse_crashing(paths: Sequence[Path]) -> None:
-    """Raise InputError where decoding one of the recordings crashes."""
-    if crashing := crashing_recordings(paths):
-        raise InputError(crash_message(min(crashing)))
 
 
 def crash_message(path: Path) -> str:

@@ -1,7 +1,4 @@
-"""Tables of a recording's frames: columns of NumPy arrays, and data frames of pandas or polars.
-
-Both libraries are optional and imported on use.
-"""
+"""Tables of a recording's frames: columns of NumPy arrays, and data frames of pandas or polars, imported on use."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

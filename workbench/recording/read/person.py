@@ -17,15 +17,11 @@ from workbench.recording.read.reader import Run
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-_BODIES = {
-    (JOINT_NAMES, POSE_NAMES): person_skeleton,
-    (JOINT_NAMES_WITH_FEET, POSE_NAMES_WITH_FEET): feet_skeleton,
-}
+_BODIES = {(JOINT_NAMES, POSE_NAMES): person_skeleton, (JOINT_NAMES_WITH_FEET, POSE_NAMES_WITH_FEET): feet_skeleton}
 
 
 def recorded_skeleton(run: Run) -> Skeleton:
-    """Return the tracked person's skeleton, from the properties `body` and `shape`; raises InputError for another
-    body."""
+    """Return the person's skeleton by the properties `body` and `shape`; raises InputError for another body."""
     body = run.properties.get("body", {})
     make = _BODIES.get((tuple(body.get("joints", ())), tuple(body.get("pose", ()))))
     if make is None:

@@ -11,8 +11,6 @@ Properties = dict[str, dict[str, Any]]
 _GROUPS = ("body", "dataset", "prior", "likelihood", "inference", "recorder", "study")
 _MAPPINGS = ("paths", "check", "training", "default_motions", "clips", "protocol", "sweep")
 _MOST_WHOLE = 2**63 - 1
-
-
 _Kind = tuple[str, Callable[[Any], bool]]
 """What is expected, in words, and whether a value is that."""
 

@@ -78,8 +78,7 @@ class Run:
 
     @property
     def status(self) -> str:
-        """complete, stopped (early, by a condition), failed (by an exception), interrupted, or running (also if
-        killed)."""
+        """complete, stopped (by a condition), failed (by an exception), interrupted, or running (also if killed)."""
         return str(self.properties["run"]["status"])
 
     @property
@@ -214,7 +213,7 @@ class Run:
         raise InputError(f"expected a table, one of {', '.join(frame_tables.TABLES)}, found {name!r}")
 
     def pandas(self, name: str) -> Any:
-        """Return `table(name)` as a pandas data frame; raises InputError where pandas is not installed."""
+        """Return `table(name)` as a pandas data frame."""
         return frame_tables.data_frame("pandas", self.table(name))
 
     def polars(self, name: str) -> Any:

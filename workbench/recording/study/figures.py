@@ -11,8 +11,7 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 _KINDS: dict[str, type[Figure]] = {kind.__name__: kind for kind in get_args(Figure)}
-_WIDTHS = {"points": 2, "trails": 3}  # of mappings to arrays of more than one axis
-_MAPPINGS = ("curves", "faint", "marks", *_WIDTHS)
+_MAPPINGS = ("curves", "faint", "marks", "points")
 
 
 def numbers(figure: Figure) -> dict[str, Any]:
@@ -56,5 +55,5 @@ def figure_of(columns: Mapping[str, Sequence[Any]]) -> Figure:
 def _mapping(columns: Mapping[str, Sequence[Any]], field: str) -> dict[str, FloatArray]:
     labels, sizes = columns.get(f"{field}_labels", []), columns.get(f"{field}_sizes", [])
     pieces = np.split(np.array(columns.get(field, []), dtype=np.float64), np.cumsum(sizes, dtype=np.int64)[:-1])
-    shaped = (piece.reshape(-1, _WIDTHS[field]) if field in _WIDTHS else piece for piece in pieces)
+    shaped = (piece.reshape(-1, 2) if field == "points" else piece for piece in pieces)
     return dict(zip(labels, shaped, strict=False))  # without labels there is one empty piece

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import groupby
-from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -13,15 +12,12 @@ from workbench.recording.study.figures import numbers
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.file import RecordingFile, arrow
 
-View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
-
 _WINDOW, _TITLE = (1500.0, 690.0), 26.0
 """Size of a page of figures, and height of a view's title bar, points."""
 _PAPER = (255, 255, 255)
 _PER_PAGE = 8
 _MIN_PATH_M = 0.5
 _DARKEST, _LIGHTEST = np.array([70.0, 45.0, 20.0]), np.array([255.0, 190.0, 90.0])
-_TRAIL_COLOURS = [(64, 196, 255), (120, 220, 130), (255, 110, 160), (240, 228, 66)]
 
 
 def record_study(file: RecordingFile, result: StudyResult) -> None:
@@ -54,7 +50,7 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     file.stream.send_blueprint(rrb.Blueprint(content, hidden, auto_views=False, collapse_panels=True))
 
 
-def _record(file: RecordingFile, figure: Figure, order: int, width: float, height: float) -> View:
+def _record(file: RecordingFile, figure: Figure, order: int, width: float, height: float) -> rrb.View:
     path, title = entity(figure), figure.name.rpartition("/")[2]
     file.stream.log(path, arrow(numbers(figure) | {"order": order}), static=True)
     if isinstance(figure, Sticks):
@@ -86,23 +82,18 @@ def grid(n: int) -> tuple[int, int]:
 
 
 def _sticks(path: str, figure: Sticks) -> Entities:
-    """Yield skeletons as line strips coloured by shade, and trails as labelled curves."""
+    """Yield skeletons as line strips coloured by shade."""
     yield path, rr.ViewCoordinates.RIGHT_HAND_Z_UP
     children = np.flatnonzero(figure.parents >= 0)
     bones = figure.positions[:, np.stack([figure.parents[children], children], axis=1)]
     shades = np.rint(_DARKEST + figure.shades[:, None] * (_LIGHTEST - _DARKEST)).astype(np.uint8)
     strips, colors = bones.reshape(-1, 2, 3).astype(np.float32), np.repeat(shades, len(children), axis=0)
     yield f"{path}/skeletons", rr.LineStrips3D(strips, colors=colors, radii=rr.Radius.ui_points(1.2))
-    for k, (label, trail) in enumerate(figure.trails.items()):
-        colour = _TRAIL_COLOURS[k % len(_TRAIL_COLOURS)]
-        yield f"{path}/trails/{k}", rr.LineStrips3D([trail], colors=[colour], radii=rr.Radius.ui_points(1.0))
-        end = rr.Points3D(trail[-1:], colors=[colour], radii=rr.Radius.ui_points(3.0), labels=[label], show_labels=True)
-        yield f"{path}/trails/{k}/end", end
 
 
 def eye(figure: Sticks) -> rrb.EyeControls3D:
     """Return a viewpoint that shows everything, perpendicular to the roots' path, or to x where they stay in place."""
-    places = np.concatenate([figure.positions.reshape(-1, 3), *figure.trails.values()])
+    places = figure.positions.reshape(-1, 3)
     center, diagonal = 0.5 * (places.min(axis=0) + places.max(axis=0)), float(np.linalg.norm(np.ptp(places, axis=0)))
     roots = figure.positions[:, int(np.argmin(figure.parents)), :2]
     _, spread, directions = np.linalg.svd(roots - roots.mean(axis=0))

@@ -34,21 +34,10 @@ class Row:
 
 
 DRAWS = "Draws"
-"""Name of the archetype of `draws`, which has one component, "poses"."""
+"""Name of the archetype of one frame's samples of the motion (S, P), S · P numbers in its one component, "poses"."""
 _SCALARS = rr.Scalars.descriptor_scalars()
 _STRIPS = {rr.LineStrips2D: rr.components.LineStrip2DBatch, rr.LineStrips3D: rr.components.LineStrip3DBatch}
 Rows: TypeAlias = Iterator[tuple[str, Row]]
-
-
-def curves(values: Mapping[str, float | FloatArray]) -> Rows:
-    """Yield rows of float64 scalars of one frame's numbers, {entity path: a number or an array (k,)}."""
-    for path, value in values.items():
-        yield path, Row(rr.Scalars, {"scalars": np.atleast_1d(np.array(value, dtype=np.float64))})
-
-
-def draws(path: str, poses: FloatArray) -> Rows:
-    """Yield the row of one frame's samples of the motion (S, P), as S · P numbers in float32."""
-    yield path, Row(rr.DynamicArchetype, {"poses": poses.astype(np.float32).ravel()})
 
 
 def nanoseconds(time_s: float) -> np.timedelta64:
@@ -76,7 +65,7 @@ class Columns:
             self._n_bytes[path] = self._n_bytes.get(path, 0) + row.n_bytes
 
     def add_numbers(self, frame: int, time: np.timedelta64, numbers: Mapping[str, float]) -> None:
-        """Add one frame's numbers, {entity path: number}, in a tenth of the time and memory of `curves`."""
+        """Add one frame's numbers, {entity path: number}, in a tenth of the time and memory of rows."""
         values = np.array([*numbers.values()], dtype=np.float64)
         self._numbers.setdefault(tuple(numbers), []).append((frame, time, values))
 

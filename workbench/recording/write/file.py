@@ -67,8 +67,7 @@ class RecordingFile:
     provenance : the run's origin (seed, versions).
     settings : the nested configuration, to be recorded key by key.
     stream : also send everything to a viewer that listens at HOST:PORT. The attribute `is_streaming` becomes False when
-    none does, or as
-        soon as it does not answer; the run never waits for it.
+        none does, or as soon as it does not answer; the run never waits for it.
     """
 
     def __init__(

@@ -6,7 +6,6 @@ would hide the expected pose.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -100,11 +99,6 @@ def jpeg(recorded: RecordedCamera, pixels: ByteArray, quality: int) -> ByteArray
     return np.asarray(encoded, dtype=np.uint8).ravel()
 
 
-def jpeg_row(path: str, encoded: ByteArray) -> Rows:
-    """Yield the row of an image's entity from the bytes (n,) of a JPEG."""
-    yield path, Row(rr.EncodedImage, {"blob": [encoded], "media_type": ["image/jpeg"]})
-
-
 def video_clip(file: Path) -> tuple[rr.AssetVideo, IntArray]:
     """Return an MP4 file to record, and the timestamps (F,) of its frames, ns; raises InputError for another file."""
     try:
@@ -159,7 +153,12 @@ def annotations(recorded: RecordedCamera, truth: Truth | None, names: tuple[str,
         np.ones(len(names), bool) if truth is None or truth.annotations_visible is None else truth.annotations_visible
     )
     shades = np.where(visible[:, None], styles.TRUTH, styles.TRUTH_HIDDEN).astype(np.uint8)
-    yield _points(recorded, "annotations", pixels, names, 2.5, shades[_valid(pixels)], 40.0)
+    valid = _valid(pixels)
+    points = rr.Points2D(
+        undistorted(recorded.source, pixels[valid]), colors=shades[valid], radii=rr.Radius.ui_points(2.5),
+        labels=[names[k] for k in valid], show_labels=False, draw_order=40.0,
+    )  # fmt: skip
+    yield f"{recorded.path}/image/annotations", points
 
 
 def keypoint_style(recorded: RecordedCamera) -> Entities:
@@ -176,24 +175,6 @@ def keypoints(recorded: RecordedCamera, view_keypoints: FloatArray | None, names
     radii = -KEYPOINT_RADIUS * np.sqrt(rows[valid, 2])  # negative: points of the viewer
     points = {"positions": positions, "radii": radii, "labels": [names[k] for k in valid]}
     yield f"{recorded.path}/image/keypoints", Row(rr.Points2D, points)
-
-
-def _points(
-    recorded: RecordedCamera,
-    entity: str,
-    pixels: FloatArray,
-    names: tuple[str, ...],
-    radii: Any,
-    colors: Any,
-    order: float,
-) -> tuple[str, rr.Points2D]:
-    """Return named points where `pixels` (J, 2 or more) are not NaN; radii, colors: one each, or one for all."""
-    valid = _valid(pixels)
-    points = rr.Points2D(
-        undistorted(recorded.source, pixels[valid, :2]), colors=colors, radii=rr.Radius.ui_points(radii),
-        labels=[names[k] for k in valid], show_labels=False, draw_order=order,
-    )  # fmt: skip
-    return f"{recorded.path}/image/{entity}", points
 
 
 def _valid(rows: FloatArray) -> IntArray:

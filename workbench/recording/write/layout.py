@@ -156,12 +156,6 @@ def _numbers(data: LayoutInput) -> list[tuple[float, _Part]]:
     return [*rows, (2.0, rrb.Tabs(*_details(data)))]
 
 
-def _errors_by_group(data: LayoutInput) -> list[rrb.View]:
-    """Return plots of the expected and of the true errors by joint group."""
-    drawn = {plot: _in_plot(plot, data.metrics) for plot in (_EXPECTED, _TRUE)}
-    return [_metrics(row_of(plot).heading, names, data) for plot, names in drawn.items() if names]
-
-
 def _fit(data: LayoutInput) -> list[tuple[float, _Part]]:
     """Return flexions of both sides, the activity, and errors and posterior in tabs."""
     plots = [
@@ -229,7 +223,8 @@ def _details(data: LayoutInput) -> list[_Part]:
     places = {name: f"{DEGREES if unit == 'rad' else PARAMETERS}/{name}" for name, unit in units.items()}
     intervals = [_plot(title(name, units[name]), f"/{place}") for name, place in places.items()]
     tabs: list[_Part] = [rrb.Grid(*intervals, grid_columns=2, name="90 % intervals"), _posterior(units, data)]
-    if by_group := _errors_by_group(data):
+    drawn = {plot: _in_plot(plot, data.metrics) for plot in (_EXPECTED, _TRUE)}
+    if by_group := [_metrics(row_of(plot).heading, names, data) for plot, names in drawn.items() if names]:
         tabs.insert(1, rrb.Horizontal(*by_group, name="errors by group"))
     elsewhere = {*data.uninformative, *(() if data.flexions else ("ess", *CALIBRATED))}
     others = [name for name in data.metrics if row_of(name).plot == "" and name not in elsewhere]
@@ -279,8 +274,7 @@ def _metrics(name: str, metrics: Sequence[str], data: LayoutInput) -> rrb.TimeSe
 
 
 def _metric(metric: str, data: LayoutInput, maximum: float | None = None, name: str = "") -> rrb.TimeSeriesView:
-    """Return a plot of one metric with its reference value; its axis has the values from 0 to a maximum, or those of
-    the metric."""
+    """Return a plot of one metric with its reference value; its axis is from 0 to a maximum, or the metric's."""
     contents = [f"/{path}" for path in (f"metrics/{metric}", *styles.guides([metric]))]
     margin = 0.06 * (maximum or 0.0)  # else the viewer cuts the labels at the ends
     axis = None if maximum is None else rrb.ScalarAxis(range=(-margin, maximum + margin))

@@ -12,6 +12,7 @@ from workbench.recording.write import styles
 from workbench.recording.write.columns import nanoseconds, time_index
 from workbench.utils.arrays import FloatArray
 from workbench.utils.finding import LEVELS
+from workbench.utils.nan_statistics import nan_mean
 
 VERDICT, STATE, REPROJECTION_ERRORS = "verdict", "state", "reprojection_error_px"
 _GREEN, _RED, _GREY, _BLUE, _AMBER = (60, 150, 80), (205, 75, 60), (120, 120, 120), (60, 120, 190), (215, 150, 40)
@@ -64,11 +65,8 @@ def reprojection_errors(measured: RunMeasurements) -> dict[str, FloatArray]:
     if not valid:
         return {}
     heights = np.where(measured.person_height_px > 0.0, measured.person_height_px, np.nan)[:, valid]
-    counts = np.isfinite(heights).sum(axis=1)
-    mean = np.where(counts > 0, np.nansum(heights, axis=1) / np.maximum(counts, 1), np.nan)
-    return {measured.cameras[v]: measured.keypoint_error_px[:, v] for v in valid} | {
-        _FOREARM: FOREARM_OVER_HEIGHT * mean
-    }
+    errors = {measured.cameras[v]: measured.keypoint_error_px[:, v] for v in valid}
+    return errors | {_FOREARM: FOREARM_OVER_HEIGHT * nan_mean(heights)}
 
 
 def log_reprojection_errors(stream: rr.RecordingStream, measured: RunMeasurements) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.intervals import weighted_quantiles
-from workbench.evaluation.uncertainty.posterior_calibration import rank_histogram
 from workbench.recording.write import styles
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram
@@ -195,9 +194,10 @@ def marginal_picture(
 def rank_pictures(ranks: Sequence[FloatArray]) -> Entities:
     """Yield the histogram of all ranks (k,) of the frames so far, and the uniform one, to be logged static.
 
-    Without ranks nothing is yielded.
+    It is flat if calibrated, U-shaped if overconfident, hump-shaped if underconfident, and sloped if biased. Without
+    ranks nothing is yielded.
     """
-    counts = rank_histogram(np.concatenate([np.zeros(0), *ranks]), _RANK_BINS)
+    counts = np.histogram(np.concatenate([np.zeros(0), *ranks]), _RANK_BINS, (0.0, 1.0))[0]
     if not counts.sum():
         return
     left = np.arange(_RANK_BINS) / _RANK_BINS

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -24,14 +24,12 @@ from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.uncertainty.step_calibration import pose_ranks
+from workbench.evaluation.verdict.run_measurements import RunMeasurements
+from workbench.evaluation.verdict.run_verdict import Verdict
 from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
-
-if TYPE_CHECKING:
-    from workbench.evaluation.verdict.run_measurements import RunMeasurements
-    from workbench.evaluation.verdict.run_verdict import Verdict
 
 FLUSH_S, FLUSH_FRACTION, MAX_FLUSH_EVERY = 1.0, 0.05, 60
 """Seconds between two flushes, or this fraction of the run's seconds so far, and frames at most: the work that is lost
@@ -50,8 +48,7 @@ class Recorder:
 
     It is a context manager, published as `RecordingFile` is. The file is flushed every FLUSH_S, less often in long
     runs. Images are encoded on a thread while the next step is computed. Cameras are static; their images are
-    undistorted, since the viewer's pinhole has no distortion. A run without views is shown by its path through the
-    world.
+    undistorted, since the viewer's pinhole has no distortion. A run without views is shown by its path.
 
     Parameters
     ----------
@@ -74,8 +71,7 @@ class Recorder:
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, stream: bool = False,
-        n_particles_shown: int = 20,
-        marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
+        n_particles_shown: int = 20, marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         video: bool = False, source_video: Path | None = None, camera_turns: bool = False,
         uninformative_metrics: Sequence[str] = (),
     ) -> None:  # fmt: skip
@@ -106,9 +102,10 @@ class Recorder:
         self._uninformative, self._n_values = frozenset(uninformative_metrics), Counter[str]()
         self._has_annotations, self._with_keypoints = False, set[str]()
         self._layout_input: layout.LayoutInput | None = None
-        self._laid_out = True
-        labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
-        self._file = file.RecordingFile(path, run_id=run_id, stream=stream, **labels)
+        self._sent_layout: layout.LayoutInput | None = None
+        self._file = file.RecordingFile(
+            path, run_id=run_id, config_yaml=config_yaml, provenance=provenance, settings=settings, stream=stream
+        )
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
         self._surface = person_surface(body) if surface and can_mesh() else None
         if surface and self._surface is None:
@@ -158,16 +155,20 @@ class Recorder:
         if self._layout_input is None:
             self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
-        pose = columns.curves({"estimate/pose": step.expected_pose})
-        draws = () if step.draws is None else columns.draws("estimate/draws", step.draws)
+        poses = {"estimate/pose": columns.Row(rr.Scalars, {"scalars": np.array(step.expected_pose, dtype=np.float64)})}
+        if step.draws is not None:
+            poses["estimate/draws"] = columns.Row(rr.DynamicArchetype, {"poses": step.draws.astype(np.float32).ravel()})
         self._add_images()
-        self._columns.add(frame.index, time, chain(pose, draws, self._scene(step), self._posterior.histograms(step)))
+        rows = chain(poses.items(), self._scene(step), self._posterior.histograms(step))
+        self._columns.add(frame.index, time, rows)
         for message in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(message, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
         self._n_frames += 1
         self._file.write(self._columns, min_bytes=MAX_BUFFERED_BYTES)
-        if self._file.is_streaming or self._n_frames - self.n_flushed >= MAX_FLUSH_EVERY or self._is_due():
+        now, n_buffered = monotonic(), self._n_frames - self.n_flushed
+        is_due = now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
+        if self._file.is_streaming or n_buffered >= MAX_FLUSH_EVERY or is_due:
             # Each picture has all frames so far: sent at growing intervals, they keep long runs linear in size.
             growth = 1.1 if self._file.is_streaming else 2.5
             if self._n_frames >= max(growth * self._n_frames_pictured, self._n_frames_pictured + _PICTURES_EVERY):
@@ -175,12 +176,7 @@ class Recorder:
             self._flush()
             self._file.check_space()
 
-    def _is_due(self) -> bool:
-        """Return whether the time since the last flush reaches the interval between two flushes."""
-        now = monotonic()
-        return now - self._flushed_s >= max(FLUSH_S, FLUSH_FRACTION * (now - self._began_s))
-
-    def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
+    def set_verdict(self, verdict: Verdict, measured: RunMeasurements) -> None:
         """Record the verdict as a property, as text and as lanes of states, and reprojection errors; update the layout.
 
         Curves of a single frame are then hidden, and curves of few frames are drawn as points.
@@ -199,7 +195,6 @@ class Recorder:
             self._layout_input, metrics=names, lanes=lanes, sparse=sparse, reprojection_errors=reprojection,
             n_characters=len(verdict.message),
         )  # fmt: skip
-        self._laid_out = False
         self._send_layout()
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
@@ -219,7 +214,7 @@ class Recorder:
         """Record the run's cost as the property `cost`, which differs between equal runs."""
         self._file.send_numbers("cost", cost)
 
-    def _scene(self, step: Step) -> "columns.Rows":
+    def _scene(self, step: Step) -> columns.Rows:
         """Yield the rows of the world and the images, and log meshes, annotations and keypoints."""
         figure, views, truth = self._figure, step.frame.views, step.frame.truth
         true = scene.true_joints(figure.skeleton, truth)
@@ -255,7 +250,7 @@ class Recorder:
         if views and self._has_annotations:  # as the keypoints
             self._file.send(images.annotations(self._camera(views[0].camera), truth, figure.skeleton.names))
 
-    def _encode(self, frame: Frame, recorded: "images.RecordedCamera", pixels: ByteArray) -> None:
+    def _encode(self, frame: Frame, recorded: images.RecordedCamera, pixels: ByteArray) -> None:
         if self._video is not None:
             row = images.video_row(recorded, self._video[1], frame.index)
             self._columns.add(frame.index, columns.nanoseconds(frame.time_s), row)
@@ -264,7 +259,7 @@ class Recorder:
             jpeg = self._encoder.submit(images.jpeg, recorded, pixels, self._jpeg_quality)
         self._encoded.append((frame.index, columns.nanoseconds(frame.time_s), f"{recorded.path}/image", jpeg))
 
-    def _camera(self, camera: Camera) -> "images.RecordedCamera":
+    def _camera(self, camera: Camera) -> images.RecordedCamera:
         if camera.name not in self._cameras:
             self._cameras[camera.name] = images.recorded_camera(camera)
             self._file.send(images.fixed(self._cameras[camera.name], self._camera_turns), static=True)
@@ -273,7 +268,7 @@ class Recorder:
                 self._file.send(iter(video), static=True)
         return self._cameras[camera.name]
 
-    def _turned(self, recorded: "images.RecordedCamera", camera: Camera) -> "images.RecordedCamera":
+    def _turned(self, recorded: images.RecordedCamera, camera: Camera) -> images.RecordedCamera:
         """Return the recorded camera of a frame, and record its lens where it differs from the frame's before."""
         turned = images.turned(recorded, camera)
         if self._lens is None or not np.array_equal(self._lens, camera.matrix):
@@ -302,13 +297,13 @@ class Recorder:
         warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
         if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.metric_lines(new), static=True)
+            # sent at the next flush, since the second frame has more metrics than the first
             self._layout_input = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
-            self._laid_out = False  # sent at the next flush, since the second frame has more metrics than the first
 
     def _send_layout(self) -> None:
-        if self._layout_input is not None and not self._laid_out:
+        if self._layout_input is not None and self._layout_input is not self._sent_layout:
             self._stream.send_blueprint(layout.layout(self._layout_input))
-        self._laid_out = True
+        self._sent_layout = self._layout_input
 
     def _send_pictures(self) -> None:
         self._send_layout()  # before the layout of trails
@@ -338,7 +333,8 @@ class Recorder:
     def _add_images(self) -> None:
         """Add the encoded images of the last frame to the columns."""
         for frame, time, path, jpeg in self._encoded:
-            self._columns.add(frame, time, images.jpeg_row(path, jpeg.result()))
+            row = columns.Row(rr.EncodedImage, {"blob": [jpeg.result()], "media_type": ["image/jpeg"]})
+            self._columns.add(frame, time, [(path, row)])
         self._encoded.clear()
 
 

@@ -109,8 +109,7 @@ def viewpoint(step: Step) -> FloatArray:
 
 
 def true_joints(skeleton: Skeleton, truth: Truth | None) -> FloatArray:
-    """Return the true joints (1, J, 3), m, NaN for feet, or those of the true pose on the tracked skeleton; (0, J, 3)
-    without truth."""
+    """Return the true joints (n, J, 3), m, NaN for feet, or those of the true pose; n is 1, or 0 without truth."""
     if truth is not None and truth.joints is not None:
         n_more = len(skeleton.names) - len(truth.joints)
         return np.pad(truth.joints, ((0, n_more), (0, 0)), constant_values=np.nan)[None]

@@ -29,9 +29,8 @@ PARTS = (
 )  # fmt: skip
 """Body parts of observed points, after Okabe & Ito and ColorBrewer's paired colours."""
 
-GROUPS = {"head": ("green", SERIES[0]), "arms": ("red", SERIES[1]), "legs": ("blue", SERIES[2]),
-          "root": ("pink", SERIES[3])}  # fmt: skip
-"""Groups of joints with a curve of their expected error: name of the colour, and the colour."""
+GROUPS = dict(zip(("head", "arms", "legs", "root"), SERIES, strict=False))
+"""Colours of the curves of groups of joints: green, red, blue and pink."""
 _THRESHOLD = MODEL, 1.5
 _CURVES = {
     "mpjpe_abs_mm": (ESTIMATE, 2.5),
@@ -42,8 +41,8 @@ _CURVES = {
     "mpjpe_px": (ESTIMATE, 2.5),
     "mpjpe_px_max_weight": (HEAVIEST_PARTICLE, 1.0),
     "forearm_width_px": _THRESHOLD,
-    **{f"expected_error_{group}_mm": (colour, 2.5) for group, (_, colour) in GROUPS.items()},
-    **{f"mpjpe_abs_{group}_mm": (colour, 2.0) for group, (_, colour) in GROUPS.items()},
+    **{f"expected_error_{group}_mm": (colour, 2.5) for group, colour in GROUPS.items()},
+    **{f"mpjpe_abs_{group}_mm": (colour, 2.0) for group, colour in GROUPS.items()},
 }
 """Colour and width of the curves of metrics that share a plot."""
 FOREARM = (row_of("forearm_width_px").label, *_THRESHOLD)

@@ -1,6 +1,6 @@
 """A recording of an estimated and a true skeleton, and the error of their joints, without a run."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ def write_two_skeletons(
     path.parent.mkdir(parents=True, exist_ok=True)
     skeleton = person_skeleton(from_height(1.0))
     bones = [[skeleton.names[joint] for joint in bone] for bone in skeleton.bones]
-    pairs = [(names.index(a), names.index(b)) for a, b in bones if a in names and b in names]
+    pairs = [[names.index(a), names.index(b)] for a, b in bones if a in names and b in names]
     person = np.nanmean(truth[np.isfinite(truth).any(axis=(1, 2))][0], axis=0)
     eye = rrb.EyeControls3D(
         position=person + _EYE_M, look_target=person, eye_up=[0.0, 0.0, 1.0], tracking_entity=f"/{TRUTH}/skeleton"
@@ -54,14 +54,7 @@ def write_two_skeletons(
             stream.set_time("time", duration=nanoseconds(time_s))
             for entity, places, colour in ((ESTIMATE, estimate[k], styles.ESTIMATE), (TRUTH, truth[k], styles.TRUTH)):
                 width = rr.Radius.ui_points(2.0)
-                strips = list(_strips(places, pairs))
+                strips = [places[pair] for pair in pairs if np.isfinite(places[pair]).all()]
                 stream.log(f"{entity}/skeleton", rr.LineStrips3D(strips, colors=[colour], radii=width))
             if known[k].any():
                 stream.log(_ERROR, rr.Scalars(1e3 * float(distances[k][known[k]].mean())))
-
-
-def _strips(places: FloatArray, pairs: Sequence[tuple[int, int]]) -> Iterator[FloatArray]:
-    """Yield the bones (2, 3) whose ends are known."""
-    for a, b in pairs:
-        if np.isfinite(places[[a, b]]).all():
-            yield places[[a, b]]

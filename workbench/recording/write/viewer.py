@@ -57,7 +57,6 @@ def _send(url: str, application: str, recording: str, part: str) -> None:
 
 
 def _wait_for_end(closed: Event) -> None:
-    """Wait until the standard input is closed."""
     sys.stdin.read()
     closed.set()
 

@@ -82,8 +82,7 @@ def _quantities(run: Run, strict: bool = False) -> dict[str, _Quantity]:
 
 
 def _changed(name: str, was: _Quantity | None, now: _Quantity | None, demand: Demand, place: str) -> MetricChange:
-    """Return the change of a quantity: the run's number, its parts, and except within tolerances every frame's
-    value."""
+    """Return the change of a quantity: its number, its parts, and except within tolerances every frame's value."""
     tolerance, detail, class_ = demand.of(name), "", Agreement.IDENTICAL
     if was is None or now is None:
         number = None if now is None else now.number
@@ -167,8 +166,7 @@ def _poses(was: Run, now: Run, place: str, demand: Demand) -> MetricChange:
 
 
 def _first_pose(was: Run, now: Run) -> str:
-    """Return the first difference of the expected poses in words: the frame, the joint that moved most, and the
-    distance."""
+    """Return the first difference of the expected poses in words: the frame, the joint that moved most, how far."""
     frames, before, after = _common(was.poses, now.poses)
     if before.shape != after.shape:
         return f"poses of {before.shape[1]} and of {after.shape[1]} numbers"

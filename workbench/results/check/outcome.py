@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -44,9 +44,8 @@ def has_moved(finding: MetricChange) -> bool:
     return not finding.passed or finding.agreement is None or finding.agreement > Agreement.ROUNDING
 
 
-def exit_code(checks: Iterable[Check]) -> int:
+def exit_code(checks: Sequence[Check]) -> int:
     """Return 2 if a recording was refused, else 1 if anything failed, else 0."""
-    checks = list(checks)
     if any(check.refused is not None for check in checks):
         return 2
     return 0 if all(check.passed for check in checks) else 1
@@ -65,11 +64,10 @@ def moved(checks: Sequence[Check]) -> str:
 
 def notes(checks: Sequence[Check]) -> list[str]:
     """Return notes on recordings of other environments: the differences, and changes that tolerances hide."""
-    groups: dict[str, list[Check]] = {}
+    groups: dict[str, list[tuple[Demand, Run]]] = {}
     for check in checks:
-        elsewhere = check.demand is not None and check.demand.agreement is Agreement.TOLERANCE
-        if elsewhere and check.was is not None and check.now is not None:
-            groups.setdefault(_difference(check.was, check.now), []).append(check)
+        if check.demand and check.was and check.now and check.demand.agreement is Agreement.TOLERANCE:
+            groups.setdefault(_difference(check.was, check.now), []).append((check.demand, check.was))
     lines = []
     for difference, group in groups.items():
         lines.append(f"{len(group)} of {len(checks)} were recorded in another environment: {difference}.")
@@ -84,20 +82,16 @@ def _difference(was: Run, now: Run) -> str:
     return "; ".join(f"{name} {old} → {new}" for name, (old, new) in changes.items())
 
 
-def _undetectable(group: Sequence[Check]) -> str:
+def _undetectable(group: Sequence[tuple[Demand, Run]]) -> str:
     """Return the largest relative changes of the headline errors within tolerances, in words."""
     words = []
     for name in HEADLINE_ERRORS:
-        fractions = []
-        for check in group:
-            tolerance = check.demand.of(name) if check.demand is not None else None
-            was = check.was.result.get(name) if check.was is not None else None
-            if tolerance is not None and was:
-                fractions.append(max(tolerance.absolute / abs(was), tolerance.relative))
-        if fractions:
-            words.append(
-                f"{name} by up to {100 * median(fractions):.2g} % in half of them, {100 * max(fractions):.2g} % in all"
-            )
+        percents = []
+        for demand, was in group:
+            if (tolerance := demand.of(name)) is not None and (value := was.result.get(name)):
+                percents.append(100 * max(tolerance.absolute / abs(value), tolerance.relative))
+        if percents:
+            words.append(f"{name} by up to {median(percents):.2g} % in half of them, {max(percents):.2g} % in all")
     return "; ".join(words) or "those within the tolerance of each number"
 
 

@@ -96,8 +96,7 @@ def paired_interval(d: FloatArray, level: float) -> tuple[float, float]:
 
         h = t(0.975; n − 1) s/√n,   smallest change = (t(1 − level/2; n − 1) + t(POWER; n − 1)) s/√n
 
-    level: of the test, such as LEVEL / m for m numbers. The smallest detectable change is approximated by the central t
-    distribution.
+    level: of the test, such as LEVEL / m for m numbers. The second is approximated by the central t distribution.
     """
     half, reach, power = (float(scipy.stats.t.ppf(q, len(d) - 1)) for q in (0.975, 1.0 - level / 2.0, POWER))
     error = float(scipy.stats.sem(d))

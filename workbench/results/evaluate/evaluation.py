@@ -40,11 +40,6 @@ class Compared:
     scores: FrameScores
     notes: tuple[str, ...]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The J joints."""
-        return self.truth.names
-
 
 def compared(trial: str, estimate: JointMotion, truth: JointMotion, align: str, offset: float | None) -> Compared:
     """Return an estimate of a trial compared with the truth.
@@ -164,13 +159,10 @@ def score_table(estimates: Mapping[str, Sequence[Compared]]) -> pd.DataFrame:
     """
     rows, first = [], next(iter(estimates))
     for score, (title, unit, _) in SCORES.items():
-        values = {name: _values(each, score) for name, each in estimates.items()}
-        for name, each in values.items():
-            rows.append((score, title, unit, name, *_mean_and_interval(pd.Series(each))))
-        for name, each in values.items():
-            if name != first:
-                difference = pd.Series(each).sub(pd.Series(values[first])).dropna()
-                rows.append((score, title, unit, f"{name} − {first}", *_mean_and_interval(difference)))
+        values = {name: pd.Series(_values(each, score)) for name, each in estimates.items()}
+        others = {name: each for name, each in values.items() if name != first}
+        values |= {f"{name} − {first}": each.sub(values[first]).dropna() for name, each in others.items()}
+        rows += [(score, title, unit, name, *_mean_and_interval(each)) for name, each in values.items()]
     table = pd.DataFrame(rows, columns=["score", "title", "unit", "estimate", "value", "low_90", "high_90", "n"])
     return table[table["n"] > 0].reset_index(drop=True)
 
@@ -211,7 +203,7 @@ def joint_table(estimates: Mapping[str, Sequence[Compared]]) -> pd.DataFrame:
     for name, trials in estimates.items():
         means: dict[str, list[FloatArray]] = {}
         for trial in trials:
-            for joint, distances in zip(trial.names, trial.scores.distances_mm.T, strict=True):
+            for joint, distances in zip(trial.truth.names, trial.scores.distances_mm.T, strict=True):
                 means.setdefault(joint, []).append(distances[np.isfinite(distances)])
         columns[name] = {
             joint: float(np.concatenate(each).mean()) for joint, each in means.items() if sum(map(len, each))

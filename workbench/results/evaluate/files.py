@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from workbench.evaluation.comparison.scores import SCORES
-from workbench.utils.atomic_write import whole_file
+from workbench.utils.atomic_write import write_files
 
 SCORE_FILE, JOINTS, ANGLES, MARKDOWN, LATEX = "scores.csv", "joints.csv", "angles.csv", "scores.md", "scores.tex"
 _DIGITS = 6
@@ -33,7 +33,7 @@ def _text(value: float, low: float, high: float, decimals: int) -> str:
 
 
 def write_tables(folder: Path, scores: pd.DataFrame, joints: pd.DataFrame, angles: pd.DataFrame) -> list[Path]:
-    """Write the tables into a folder, atomically, and return the paths; existing files are replaced."""
+    """Write the tables into a folder, see `write_files`."""
     shown = display(scores)
     rows = [list(map(str, shown.columns)), ["---"] * len(shown.columns), *shown.astype(str).to_numpy().tolist()]
     texts = {
@@ -42,7 +42,4 @@ def write_tables(folder: Path, scores: pd.DataFrame, joints: pd.DataFrame, angle
         MARKDOWN: "".join(f"| {' | '.join(row)} |\n" for row in rows),
         LATEX: shown.to_latex(index=False, escape=True),
     }  # fmt: skip
-    for name, content in texts.items():
-        with whole_file(folder / name, parents=True) as part:
-            part.write_text(content, encoding="utf-8", newline="\n")
-    return [folder / name for name in texts]
+    return write_files(folder, texts)

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,19 +20,19 @@ from workbench.detections.readers.formats import LAYOUTS
 from workbench.evaluation.comparison.joint_motion import JointMotion, with_pelvis
 from workbench.evaluation.comparison.scores import joint_angles
 from workbench.motion.formats.joint_names import skeleton_joints
-from workbench.motion.formats.laboratory_markers import is_laboratory_table
+from workbench.motion.formats.laboratory_markers import is_laboratory_table, laboratory_markers
 from workbench.motion.formats.markers import Markers, in_world, joint_centres, read_markers
 from workbench.motion.formats.opensim_mot import MAX_HYPEREXTENSION_DEG, opensim_coordinates, read_mot
 from workbench.motion.formats.text import fail, gap_numbers, points, read_lines
-from workbench.motion.formats.trc import RawMarkers
-from workbench.motion.sources import Reading, read_clip
+from workbench.motion.formats.trc import RawMarkers, joints_of_csv
+from workbench.motion.sources import BY_FILE, Reading, read_clip
 from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.person import recorded_poses, recorded_skeleton
 from workbench.recording.read.reader import recording_at
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MAX_NUMBERS, check_number, check_rate
+from workbench.utils.input_limits import MAX_NUMBERS, check_file, check_number, check_rate
 from workbench.utils.input_path import expanded
 from workbench.utils.run_files import RECORDING_SUFFIXES
 
@@ -68,22 +67,11 @@ _RATES = ("rate_hz", "fps", "frame_rate", "framerate")
 _NAMES = ("names", "joint_names", "joints_names", "keypoint_names", "labels")
 
 
-class Given(NamedTuple):
-    """What the user says of a file; None: by the file. unit: of length. up: the vertical axis. rate_hz: of files
-    without times."""
-
-    unit: str | None = None
-    up: str | None = None
-    rate_hz: float | None = None
-
-
-BY_FILE = Given()
-
-
-def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> JointMotion:
+def read_joints(path: Path, given: Reading = BY_FILE, truth: bool = False) -> JointMotion:
     """Return the motion of the person's joints in a file or a run's folder; of a motion file of OpenSim the angles.
 
-    truth: of a recording the true joints, if it has them, instead of the estimate. Raises InputError if the file cannot
+    given: what the user says of the file, with the rate of any file without times. truth: of a recording the true
+    joints, if it has them, instead of the estimate. Raises InputError if the file cannot
     be read, has no joint by name, or no times and no rate is given.
     """
     path = recording_at(expanded(path))
@@ -92,10 +80,10 @@ def read_joints(path: Path, given: Given = BY_FILE, truth: bool = False) -> Join
         return _of_recording(path, truth)
     if suffix in _SKELETONS:
         return _of_skeleton(path, given)
-    if suffix in _MARKERS or (suffix in _TABLES and (is_laboratory_table(path) or _is_own(path))):
+    if suffix in _MARKERS:
         return _of_markers(read_markers(path, given.unit, given.up), None)
     if suffix in _TABLES + _ARRAYS:
-        raw, times_s = (_csv if suffix in _TABLES else _arrays)(path, given.rate_hz)
+        raw, times_s = (_table if suffix in _TABLES else _arrays)(path, given.rate_hz)
         return _of_markers(in_world(str(path), raw, given.unit, given.up), times_s)
     if suffix == _ANGLES:
         times_s, angles = read_mot(path)
@@ -154,8 +142,8 @@ def _named(coordinates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {ours.get(name, name): each for name, each in coordinates.items() if name not in _TRANSLATIONS}
 
 
-def _of_skeleton(path: Path, given: Given) -> JointMotion:
-    clip = read_clip(path, Reading(unit=given.unit, up=given.up, rate_hz=given.rate_hz))
+def _of_skeleton(path: Path, given: Reading) -> JointMotion:
+    clip = read_clip(path, given)
     found = skeleton_joints(clip.joints, clip.parents.tolist(), place=path)
     if not found:
         raise InputError(f"{path}: no joint has a known name, found {', '.join(clip.joints[:60])}")
@@ -174,15 +162,15 @@ def _of_markers(markers: Markers, times_s: FloatArray | None) -> JointMotion:
     return _motion(markers.source, names, times, centres)
 
 
-def _is_own(path: Path) -> bool:
-    """Return whether a table is one of `motion_export.csv_text`."""
-    columns = read_lines(path)[0].split(",")
-    return {"frame", "time_s"} <= set(columns) and any(column.endswith("_x_m") for column in columns)
-
-
-def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
-    """Return the joints of a table with the columns x, y and z of each joint, such as left_knee_x, and its times."""
-    lines = read_lines(path, _MAX_TABLE)
+def _table(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray | None]:
+    """Return the joints of a table of a laboratory or of `motion_export.csv_text`, at their rate; or those of another
+    table with the columns x, y and z of each joint, such as left_knee_x, and its times."""
+    lines = read_lines(path)
+    if is_laboratory_table(lines):
+        return laboratory_markers(path, lines), None
+    if {"frame", "time_s"} <= set(columns := lines[0].split(",")) and any(name.endswith("_x_m") for name in columns):
+        return joints_of_csv(path, lines), None
+    check_file(path, _MAX_TABLE)
     rows = list(csv.reader(lines, delimiter=max(",;\t", key=lines[0].count)))
     header, table = [cell.strip() for cell in rows[0]], [row for row in rows[1:] if any(row)]
     axes_of: dict[str, dict[str, int]] = {}
@@ -195,11 +183,11 @@ def _csv(path: Path, rate_hz: float | None) -> tuple[RawMarkers, FloatArray]:
     if not names or not table:
         fail(path, 1, "expected the columns x, y and z of each joint, such as left_knee_x, and a row for each frame")
     check_number(path, "numbers", len(table) * len(header), MAX_NUMBERS)
-    columns = [axes_of[name][axis] for name in names for axis in "xyz"]
+    chosen = [axes_of[name][axis] for name in names for axis in "xyz"]
     time = next((k for k, column in enumerate(header) if column.lower() in _TIMES), None)
     cells = [points([row[k].strip() if k < len(row) else "" for k in range(len(header))]) for row in table]
-    places = [[row[k] for k in columns] for row in cells]
-    values = np.array([gap_numbers(path, k, row, len(columns), "a frame") for k, row in enumerate(places, 2)])
+    places = [[row[k] for k in chosen] for row in cells]
+    values = np.array([gap_numbers(path, k, row, len(chosen), "a frame") for k, row in enumerate(places, 2)])
     times = None if time is None else pd.to_numeric(pd.Series([row[time] for row in cells]), errors="coerce")
     times_s = _times(path, times, None, len(table), rate_hz)
     unit, *others = sorted(set().union(*(units[name] for name in names)))

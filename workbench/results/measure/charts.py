@@ -41,19 +41,17 @@ class Chart:
     lines: tuple[Line, ...]
     x_ticks: tuple[tuple[float, str], ...]
     y_ticks: tuple[tuple[float, str], ...]
-    x_label: str
 
 
 def charts_of(measures: Measures) -> list[Chart]:
     """Return a chart for each angle, with the curves of both sides."""
     names = dict.fromkeys(curve.name for curve in measures.curves)
     stance = measures.table[measures.table["measure"] == "stance"].set_index("side")["estimate"].to_dict()
-    label = "time (s)" if measures.kind == "motion" else "gait cycle (%)"
     grouped = [[curve for curve in measures.curves if curve.name == name and len(curve.x) > 1] for name in names]
-    return [_chart(curves, stance, label) for curves in grouped if curves]
+    return [_chart(curves, stance) for curves in grouped if curves]
 
 
-def _chart(curves: Sequence[Curve], stance: dict[str, float], x_label: str) -> Chart:
+def _chart(curves: Sequence[Curve], stance: dict[str, float]) -> Chart:
     drawn = [values for curve in curves for values in (curve.mean, curve.low, curve.high, _chosen(curve.strides))]
     every = np.concatenate([values[np.isfinite(values)] for values in drawn])
     y_ticks = _ticks(float(every.min()), float(every.max()), widen=True)
@@ -82,7 +80,6 @@ def _chart(curves: Sequence[Curve], stance: dict[str, float], x_label: str) -> C
     return Chart(
         convention.title, convention.positive, tuple(lines),
         tuple((float(across(x)), f"{x:g}") for x in x_ticks), tuple((float(down(y)), f"{y:g}") for y in y_ticks),
-        x_label,
     )  # fmt: skip
 
 

@@ -7,15 +7,14 @@ import pandas as pd
 
 from workbench.results.measure.measures import Curve, Measures
 from workbench.results.measure.page import page
-from workbench.utils.atomic_write import whole_file
+from workbench.utils.atomic_write import write_files
 
 MEASURES, ANGLES, PAGE = "measures.csv", "angles.csv", "measures.html"
 _DIGITS, _ANGLE_DIGITS = 6, 3
 
 
 def write_measures(folder: Path, name: str, measures: Measures) -> list[Path]:
-    """Write the files of the measures of a run of this name into a folder, atomically, and return their paths; existing
-    files are replaced.
+    """Write the files of the measures of a run of this name into a folder, see `write_files`.
 
     measures.csv: a row for each measure and side, with estimate and 90 % interval, empty where unknown. angles.csv: a
     row for each point of each curve, degrees, over percent of the cycle, with the strides, or over seconds.
@@ -25,17 +24,15 @@ def write_measures(folder: Path, name: str, measures: Measures) -> list[Path]:
         ANGLES: angle_table(measures).round(_ANGLE_DIGITS).to_csv(index=False),
         PAGE: page(f"Measures of {name}", measures),
     }
-    for file, content in texts.items():
-        with whole_file(folder / file, parents=True) as part:
-            part.write_text(content, encoding="utf-8", newline="\n")
-    return [folder / file for file in texts]
+    return write_files(folder, texts)
 
 
 def angle_table(measures: Measures) -> pd.DataFrame:
     """Return the curves as one table: angle, side, percent or time_s, mean_deg, low_90_deg, high_90_deg, and a column
     for each stride."""
     n_strides = max((len(curve.strides) for curve in measures.curves), default=0)
-    return pd.concat([_rows(curve, measures.x_name, n_strides) for curve in measures.curves], ignore_index=True)
+    x_name = "time_s" if measures.kind == "motion" else "percent"
+    return pd.concat([_rows(curve, x_name, n_strides) for curve in measures.curves], ignore_index=True)
 
 
 def _rows(curve: Curve, x_name: str, n_strides: int) -> pd.DataFrame:

@@ -8,13 +8,13 @@ import pandas as pd
 
 from workbench.body.stature import SIDES, limb_lengths, usual_height
 from workbench.evaluation.gait.angle_cycles import N_POINTS, AngleCycles
-from workbench.evaluation.gait.estimates import bands_of, estimate_of
+from workbench.evaluation.gait.estimates import bands_of
 from workbench.evaluation.gait.joint_angles import GAIT_ANGLES, JointAngles, joint_angles
 from workbench.evaluation.gait.repetitions import angle_measures
 from workbench.evaluation.gait.stretches import rows_of_stretches
 from workbench.evaluation.gait.walk import Walk, walk_of
 from workbench.recording.read.reader import Run
-from workbench.results.measure.notes import GaitNotes, notes_of
+from workbench.results.measure.notes import notes_of
 from workbench.results.measure.recorded_motion import RecordedMotion, recorded_motion
 from workbench.utils.arrays import BoolArray, FloatArray
 
@@ -53,17 +53,13 @@ class Measures:
     curves: tuple[Curve, ...]
     notes: tuple[str, ...]
 
-    @property
-    def x_name(self) -> str:
-        """Name of the curves' x axis and column."""
-        return "time_s" if self.kind == "motion" else "percent"
-
 
 def measures_of(run: Run) -> Measures:
     """Return the measures of a recording; raises InputError if it tracks no person."""
     motion = recorded_motion(run)
     angles = joint_angles(motion.skeleton.dof_names, motion.poses)
-    parts = [_part(name, side) for name, side in zip(angles.names, angles.sides, strict=True)]
+    limbs = [_LIMBS[name.split("_")[0]] for name in angles.names]
+    parts = [limb if limb == "torso" else f"{side}_{limb}" for limb, side in zip(limbs, angles.sides, strict=True)]
     seen = [k for k, part in enumerate(parts) if motion.seen[part].mean() >= _MIN_SEEN]
     in_gait = angles.chosen([k for k in seen if angles.names[k] in GAIT_ANGLES])
     legs = motion.tracked & motion.seen["left_leg"] & motion.seen["right_leg"]
@@ -74,13 +70,7 @@ def measures_of(run: Run) -> Measures:
         shown = angles.chosen(seen)
         kind, table, curves = "motion", _motion_table(motion, shown), _over_time(motion, shown)
     hidden = sorted({part.replace("_", " ") for part in parts} - {parts[k].replace("_", " ") for k in seen})
-    return Measures(kind, table, curves, tuple(notes_of(run, GaitNotes(walk, motion, legs, hidden))))
-
-
-def _part(angle: str, side: str) -> str:
-    """Return the part of the body that determines an angle."""
-    limb = _LIMBS[angle.split("_")[0]]
-    return limb if limb == "torso" else f"{side}_{limb}"
+    return Measures(kind, table, curves, tuple(notes_of(run, walk, motion, legs, hidden)))
 
 
 def _walk(motion: RecordedMotion, angles: JointAngles, valid: BoolArray) -> Walk | None:
@@ -95,7 +85,8 @@ def _gait_table(walk: Walk, angles: JointAngles) -> pd.DataFrame:
     n_strides = {side: len(strides) for side, strides in zip(SIDES, walk.strides, strict=True)}
     rows: list[tuple[object, ...]] = []
     for name, sides in walk.parameters.items():
-        base, unit = _name_and_unit(name)
+        suffix = next(each for each in _UNITS if name.endswith(each))
+        base, unit = name.removesuffix(suffix), _UNITS[suffix]
         scale = 100.0 if unit == "%" else 1.0
         rows += _rows(base, unit, {side: scale * values for side, values in sides.items()}, n_strides)
     for name in dict.fromkeys(angles.names):
@@ -124,12 +115,6 @@ _SIGNED = ("step_width", "double_support")
 """Measures that may be negative, besides largest angles and differences."""
 
 
-def _name_and_unit(name: str) -> tuple[str, str]:
-    """Return a parameter's name without its unit, and the unit."""
-    suffix = next(each for each in _UNITS if name.endswith(each))
-    return name.removesuffix(suffix), _UNITS[suffix]
-
-
 def _rows(name: str, unit: str, sides: Mapping[str, FloatArray], counts: Mapping[str, int]) -> list[tuple[object, ...]]:
     """Return the rows of a measure (M,) by side, and of the difference of left and right."""
     if set(sides) == set(SIDES):
@@ -143,8 +128,8 @@ def _rows(name: str, unit: str, sides: Mapping[str, FloatArray], counts: Mapping
 
 def _bounded(values: FloatArray, signed: bool) -> tuple[float, float, float]:
     """Return the estimate of values (M,) and its interval, which has no negative values unless it is signed."""
-    each = estimate_of(values)
-    return each.value, each.low if signed else float(np.maximum(each.low, 0.0)), each.high
+    value, low, high = (float(each[0]) for each in bands_of(values[:, None]))
+    return value, low if signed else float(np.maximum(low, 0.0)), high
 
 
 def _cycles(walk: Walk, angles: JointAngles) -> tuple[Curve, ...]:

@@ -1,7 +1,6 @@
 """Sentences on how a motion was measured, what was left out, and what limits the numbers."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,37 +20,33 @@ _USUAL_RATE_HZ = 25.0
 """Rate below which strikes are not known within 35 ms: they are to about a frame."""
 
 
-@dataclass(frozen=True, eq=False)
-class GaitNotes:
-    """What sentences need. walk: None if there is none. legs: (F,), frames in which both legs are known. hidden: parts
-    of the body that are not measured."""
+def notes_of(
+    run: Run, walk: Walk | None, motion: RecordedMotion, legs: BoolArray, hidden: Sequence[str]
+) -> Iterator[str]:
+    """Yield the sentences on the measures of a run.
 
-    walk: Walk | None
-    motion: RecordedMotion
-    legs: BoolArray
-    hidden: Sequence[str]
-
-
-def notes_of(run: Run, facts: GaitNotes) -> Iterator[str]:
-    """Yield the sentences on the measures of a run."""
+    Parameters
+    ----------
+    walk : None if there is none.
+    legs : (F,), frames in which both legs are known.
+    hidden : parts of the body that are not measured.
+    """
     verdict = run.properties.get("verdict", {})
     if verdict.get("level") in (DOUBTFUL, NOT_USABLE):
         yield f"The run is {verdict['message']}."
     if run.status != "complete":
         yield f"The run is not complete (status: {run.status}); only its frames are measured."
-    if facts.walk is None:
-        yield from _no_walk(facts)
-    else:
-        yield from _walk(facts.walk)
-    yield from _omitted(facts)
-    yield from _limits(run, facts)
+    yield from _no_walk(motion, legs) if walk is None else _walk(walk)
+    yield from _omitted(motion, motion.tracked if walk is None else legs, walk is not None)
+    if hidden:
+        yield f"Not measured, as they are lost or not seen in most frames: {', '.join(hidden)}."
+    yield from _limits(run, motion, walk is not None)
 
 
-def _no_walk(facts: GaitNotes) -> Iterator[str]:
-    motion = facts.motion
+def _no_walk(motion: RecordedMotion, legs: BoolArray) -> Iterator[str]:
     seconds = motion.times_s[-1] - motion.times_s[0] if len(motion.times_s) else 0.0
     step_s = float(np.median(np.diff(motion.times_s))) if len(motion.times_s) > 1 else np.inf
-    if not facts.legs.any():
+    if not legs.any():
         reason = "no frame shows both legs"
     elif step_s > MAX_GAP_S:
         reason = f"the frames are {step_s:.2g} s apart, and foot strikes need {MAX_GAP_S:g} s or less"
@@ -86,10 +81,9 @@ def _walk(walk: Walk) -> Iterator[str]:
         )
 
 
-def _omitted(facts: GaitNotes) -> Iterator[str]:
-    motion = facts.motion
-    n_lost = int((~(facts.legs if facts.walk else motion.tracked)).sum())
-    if n_lost and facts.walk:
+def _omitted(motion: RecordedMotion, known: BoolArray, walks: bool) -> Iterator[str]:
+    n_lost = int((~known).sum())
+    if n_lost and walks:
         yield f"In {n_lost} of {len(motion.frames)} frames a leg is lost or not seen; strides with a gap are left out."
     elif n_lost:
         yield f"In {n_lost} of {len(motion.frames)} frames the person is lost; they are left out."
@@ -98,12 +92,9 @@ def _omitted(facts: GaitNotes) -> Iterator[str]:
         missing_s = float(gaps_s[gaps_s > 1.5 * np.median(gaps_s)].sum())
         if missing_s:
             yield f"The recording has no frames in {missing_s:.2g} s of its time; strides with a gap are left out."
-    if facts.hidden:
-        yield f"Not measured, as they are lost or not seen in most frames: {', '.join(facts.hidden)}."
 
 
-def _limits(run: Run, facts: GaitNotes) -> Iterator[str]:
-    motion = facts.motion
+def _limits(run: Run, motion: RecordedMotion, walks: bool) -> Iterator[str]:
     n_samples = len(motion.poses) - 1
     if n_samples:
         yield (
@@ -115,9 +106,9 @@ def _limits(run: Run, facts: GaitNotes) -> Iterator[str]:
     if (scale := _scale(run)) is not None:
         yield scale
     if len(motion.times_s) > 1 and (rate_hz := 1.0 / float(np.median(np.diff(motion.times_s)))) < _USUAL_RATE_HZ:
-        what = "strikes and toe-offs are known to about a frame" if facts.walk else "peak speeds are lower limits"
+        what = "strikes and toe-offs are known to about a frame" if walks else "peak speeds are lower limits"
         yield f"At {rate_hz:.3g} frames per second {what}."
-    if facts.walk:
+    if walks:
         yield (
             "Toe-offs are found by the ankles, in recorded walks 17 ± 8 ms early and in runs about 30 ms late, so that "
             "the stance of a run is too long."

@@ -16,15 +16,6 @@ def page(title: str, measures: Measures) -> str:
     names = dict.fromkeys(curve.name for curve in measures.curves)
     rows = [(each.title, each.positive, each.source) for each in (CONVENTIONS[name] for name in names)]
     conventions = table_of(("angle", "positive", "definition"), rows)
-    return (
-        environment()
-        .get_template("measure/measures.html")
-        .render(
-            title=title,
-            measures=measures,
-            table=display(measures),
-            charts=charts.charts_of(measures),
-            conventions=conventions,
-            **_SHAPE,
-        )
-    )
+    drawn = {"table": display(measures), "charts": charts.charts_of(measures), "conventions": conventions}
+    template = environment().get_template("measure/measures.html")
+    return template.render(title=title, measures=measures, **drawn, **_SHAPE)

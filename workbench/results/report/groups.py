@@ -73,8 +73,7 @@ class Grouping(NamedTuple):
 
 
 def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Grouping:
-    """Return the runs grouped by the varying keys of their configurations; runs without a readable one are
-    unreadable."""
+    """Return the runs grouped by the varying keys of their configurations; a run without one is unreadable."""
     reasons = [problem.reason for problem in unreadable]
     rows: list[dict[str, Any]] = []
     for run in runs:

@@ -37,15 +37,8 @@ def escaped(words: str) -> str:
 
 
 def render(template: str, title: str, contents: Contents, plots: Sequence[Plot]) -> str:
-    """Return the report as Markdown with links to the plots, or as HTML with embedded plots, without scripts and
-    loading.
-
-    Parameters
-    ----------
-    template : "report.md" or "report.html".
-    title : of the report.
-    contents, plots : of the report.
-    """
+    """Return the report by the template report.md, with links to the plots, or report.html, with embedded plots and
+    without scripts and loading."""
     pages = environment()
     pages.filters |= {"escaped": escaped, "base64": lambda data: b64encode(data).decode("ascii")}
     return pages.get_template(f"report/{template}").render(title=title, plots=plots, **contents._asdict())

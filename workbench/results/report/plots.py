@@ -81,8 +81,7 @@ def plots_of(grouping: Grouping) -> list[Plot]:
 
 
 def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
-    """Return the series with the smallest `metric`, one for each colour, in the groups' order; and the number of
-    others."""
+    """Return the series with the smallest `metric`, one for each colour, in the groups' order, and how many others."""
     keys = [key for key in grouping.variation.keys if key != _N_PARTICLES]
     errors = _errors(grouping, metric).sort_values("particles", kind="stable", na_position="first")
     members: dict[str, list[int]] = {}

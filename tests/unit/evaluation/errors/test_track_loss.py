@@ -5,46 +5,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.evaluation.errors.track_loss import (
-    TRACKED_MM,
-    TrackEvent,
-    criteria,
-    lost_frames,
-    lost_states,
-    track_events,
-    track_metrics,
-)
+from workbench.evaluation.errors.track_loss import TRACKED_MM, criteria, lost_frames, lost_states, track_metrics
+from workbench.utils.crossings import crossings
 
 
 @pytest.mark.parametrize(
-    ("errors", "events", "n_lost"),
+    ("errors", "lost"),
     [
-        ([], [], 0),
-        ([9.0] * 20, [], 0),
-        ([5.0] * 8 + [29.0] + [5.0] * 11, [], 0),  # the mean of five frames is 9.8
-        ([2.0] * 6 + [40.0] * 8 + [2.0] * 6, [("lost", 6), ("recovered", 14)], 8),
-        ([2.0] * 10 + [50.0] * 10, [("lost", 10)], 10),
-        ([50.0] * 20, [("lost", 0)], 20),
-        ([50.0] * 2, [("lost", 0)], 2),
-        ([2.0] * 3 + [np.nan] * 4 + [40.0] * 6, [("lost", 7)], 6),
-        ([np.nan] * 5, [], 0),
-        ([9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0], [("lost", 4), ("recovered", 5)], 1),
+        ([], []),
+        ([9.0] * 20, []),
+        ([5.0] * 8 + [29.0] + [5.0] * 11, []),  # the mean of five frames is 9.8
+        ([2.0] * 6 + [40.0] * 8 + [2.0] * 6, range(6, 14)),
+        ([2.0] * 10 + [50.0] * 10, range(10, 20)),
+        ([50.0] * 20, range(20)),
+        ([50.0] * 2, range(2)),
+        ([2.0] * 3 + [np.nan] * 4 + [40.0] * 6, range(7, 13)),
+        ([np.nan] * 5, []),
+        ([9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0], [4]),
     ],
 )
-def test_losses_and_recoveries_start_with_their_first_frames(errors, events, n_lost):
+def test_losses_and_recoveries_start_with_their_first_frames(errors, lost):
     """The threshold is 10, and frames without truth do not count."""
-    widths = [10.0] * len(errors)
-    assert track_events(errors, widths) == [TrackEvent(*event) for event in events]
-    assert lost_states(errors, widths).sum() == n_lost
+    assert np.flatnonzero(lost_states(errors, [10.0] * len(errors))).tolist() == list(lost)
 
 
 @given(st.lists(st.sampled_from([0.0, 15.0, 21.0, 60.0]), max_size=30))
-def test_losses_and_recoveries_alternate_in_the_order_of_frames(errors):
-    events = track_events(errors, [20.0] * len(errors))
-    frames = [event.frame for event in events]
+def test_losses_and_recoveries_are_in_the_order_of_frames(errors):
+    frames = crossings(errors, [20.0] * len(errors))
     assert frames == sorted(set(frames))
-    assert [event.kind for event in events] == ["lost", "recovered"] * (len(events) // 2) + ["lost"] * (len(events) % 2)
-    assert lost_states(errors, [20.0] * len(errors)).any() == bool(events)
+    assert lost_states(errors, [20.0] * len(errors)).any() == bool(frames)
 
 
 def test_a_track_is_lost_by_the_image_and_by_the_root_aligned_error():

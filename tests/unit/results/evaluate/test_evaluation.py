@@ -35,7 +35,7 @@ def test_the_faster_motion_is_interpolated(own, true, frames):
 def test_joints_are_matched_by_name_in_any_order():
     names = ("left_knee", "pelvis", "right_wrist")
     one = compared("a", motion(names=names), motion(), NONE, 0.0)
-    assert set(one.names) == set(names)
+    assert set(one.truth.names) == set(names)
     assert np.nanmax(one.scores.distances_mm) < 1e-9
     assert "without" in one.notes[0]
 

@@ -7,8 +7,8 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.detections.readers.formats import LAYOUTS
-from workbench.motion.sources import find_motion
-from workbench.results.evaluate.joint_files import SEVENTEEN, Given, read_joints
+from workbench.motion.sources import Reading, find_motion
+from workbench.results.evaluate.joint_files import SEVENTEEN, read_joints
 from workbench.utils.errors import InputError
 
 RATE_HZ = 25.0
@@ -56,7 +56,7 @@ def test_an_array_without_names_has_a_known_number_of_joints(tmp_path, layout):
 @pytest.mark.parametrize("layout", ["Human3.6M", "COCO"])
 def test_the_lengths_of_the_limbs_show_which_17_joints_an_array_has(tmp_path, layout):
     np.save(tmp_path / "a.npy", array_of(SEVENTEEN[layout]))
-    check(read_joints(tmp_path / "a.npy", Given(rate_hz=RATE_HZ)))
+    check(read_joints(tmp_path / "a.npy", Reading(rate_hz=RATE_HZ)))
 
 
 def test_joints_of_smpl_y_down_in_centimetres(tmp_path):
@@ -68,7 +68,7 @@ def test_joints_of_smpl_y_down_in_centimetres(tmp_path):
     )  # fmt: skip
     world = array_of(points)
     np.savez(tmp_path / "a.npz", 100.0 * np.stack([world[..., 1], -world[..., 2], world[..., 0]], axis=-1) + 1.0)
-    motion = read_joints(tmp_path / "a.npz", Given(rate_hz=RATE_HZ))
+    motion = read_joints(tmp_path / "a.npz", Reading(rate_hz=RATE_HZ))
     heights = motion.positions[:, motion.names.index("left_ankle"), 2] - motion.positions[:, 0, 2]
     np.testing.assert_allclose(heights, (of(["left_ankle"]) - of(["pelvis"]))[:, 0, 2], atol=1e-6)
 
@@ -128,7 +128,7 @@ def test_slightly_overextended_knees_are_not_reported(tmp_path, caplog, angle_de
     names = [f"{side}_{joint}" for side in leg for joint in ("hip", "knee", "ankle")] + ["neck"]
     places = np.concatenate([*leg.values(), [[0.0, 0.0, 1.4]]])
     np.savez(tmp_path / "a.npz", joints=np.tile(places, (3, 1, 1)), names=np.array(names), fps=RATE_HZ)
-    read_joints(tmp_path / "a.npz", Given(unit="m", up="z"))
+    read_joints(tmp_path / "a.npz", Reading(unit="m", up="z"))
     assert ("bend backwards" in caplog.text) == reported
 
 
@@ -145,7 +145,7 @@ def test_markers_of_a_joint_that_are_never_measured_together_are_refused(tmp_pat
     columns = [f"{name}_{axis}" for name in ("R.Knee", "R.Knee.Medial") for axis in "xyz"]
     (tmp_path / "a.csv").write_text(",".join(["t", *columns]) + "\n0,1,1,1,,,\n1,,,,1,1,1\n")
     with pytest.raises(InputError, match="no frame has all markers of a joint"):
-        read_joints(tmp_path / "a.csv", Given(unit="m", up="z"))
+        read_joints(tmp_path / "a.csv", Reading(unit="m", up="z"))
 
 
 def write_npz(path, **arrays):
