@@ -135,11 +135,7 @@ def test_the_sequence_info_describes_the_frames(dataset):
     assert 0.0 < info.scale <= 1.0
     assert info.initial_pose is None or info.initial_pose.shape == (len(POSE_NAMES),)
     if info.initial_annotations is not None:
-        assert info.initial_annotations.keypoints.shape == (
-            len(info.initial_annotations.times_s),
-            len(JOINT_NAMES),
-            3,
-        )
+        assert info.initial_annotations.keypoints.shape == (len(info.initial_annotations.times_s), len(JOINT_NAMES), 3)
         assert info.initial_annotations.times_s[0] == frames[0].time_s
     assert info.phase_ends is None or info.phase_ends[1] > info.phase_ends[0]
     if info.pose_history is not None:

@@ -269,10 +269,7 @@ def test_the_unit_of_the_format_can_be_overridden(tmp_path):
 
 @pytest.mark.parametrize(
     ("radial", "centre", "terms"),
-    [
-        ("VICON_RADIAL", (322.5, 238.25), (4e-7, -3e-13, 0.0)),
-        ("VICON_RADIAL2", (320.0, 241.0), (4e-7, -3e-13, 1e-19)),
-    ],
+    [("VICON_RADIAL", (322.5, 238.25), (4e-7, -3e-13, 0.0)), ("VICON_RADIAL2", (320.0, 241.0), (4e-7, -3e-13, 1e-19))],
 )
 def test_vicons_lens_removes_distortion_by_a_polynomial_of_pixels(tmp_path, radial, centre, terms):
     """The distance from the centre has the scale of x; 4e-7 / px² moves the corners by up to 21 px."""
