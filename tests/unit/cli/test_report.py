@@ -5,12 +5,11 @@ import csv
 import json
 import re
 import shutil
-from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, errors, steps
+from recording_steps import BODY, SPACE, errors, steps, without_images
 
 from workbench.body.kinematics import joints
 from workbench.cli.main import main
@@ -25,10 +24,6 @@ PLOTS = ["coverage_90", "error_against_particles", "error_against_time", "error_
 def config(prior, n, seed):
     inference = {"n_particles": n}
     return json.dumps({"prior": {"_target_": f"workbench.priors.{prior}"}, "inference": inference, "seed": seed})
-
-
-def without_images(run):
-    return [replace(step, frame=replace(step.frame, views=())) for step in run]
 
 
 def record(folder, run, prior="walking", n=100, seed=0, error=10.0, exception=None):

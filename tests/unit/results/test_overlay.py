@@ -1,16 +1,14 @@
 """The video of a recording shows every image with the projected skeletons."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
-from recording_steps import BODY, CAMERA, SPACE, steps
+from recorded import record
+from recording_steps import BODY, CAMERA, steps, without_images
 
 from workbench.body.kinematics import joints
 from workbench.cli.main import main
 from workbench.recording.read.reader import read
-from workbench.recording.write.recorder import Recorder
 from workbench.results.overlay import _MIN_OPACITY, MIDDLE, PERSON_CHAINS, drawn, with_omitted_frames, write_overlay
 from workbench.results.pictures import Picture, camera_names, pictures
 from workbench.utils.errors import InputError
@@ -21,13 +19,9 @@ pytestmark = pytest.mark.usefixtures("trusted")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    path = tmp_path_factory.mktemp("overlay") / "run.rrd"
-    poses = []
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
-        for step in steps(N, n_particles=20):
-            recorder.log(step, {})
-            poses.append(step.expected_pose)
-    return read(path), joints(BODY.skeleton, np.stack(poses))
+    run = list(steps(N, n_particles=20))
+    path = record(tmp_path_factory.mktemp("overlay") / "run.rrd", run)
+    return read(path), joints(BODY.skeleton, np.stack([step.expected_pose for step in run]))
 
 
 def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
@@ -119,11 +113,8 @@ def test_lost_and_omitted_frames_have_a_red_frame():
 
 def test_frames_that_the_run_omits_come_from_the_source(mp4, tmp_path):
     """The source has FIRST frames before those of the run, and the recording has no images of them."""
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="dataset: {n_frames: null}", provenance={}) as recorder:
-        for step in steps(N, n_particles=20):
-            recorder.log(step, {})
-    recorded = read(path)
+    run = steps(N, n_particles=20)
+    recorded = read(record(tmp_path / "run.rrd", run, config_yaml="dataset: {n_frames: null}"))
     n, _ = write_overlay(recorded, tmp_path / "overlay.mp4", source=mp4)
     assert n == FIRST + N
     shown = list(with_omitted_frames(pictures(recorded), recorded, mp4))
@@ -150,10 +141,7 @@ def test_reduced_pictures_have_skeletons_at_the_same_places(fraction, run):
 
 
 def test_a_recording_without_images_has_no_video(tmp_path, capsys):
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
-        for step in steps(2, n_particles=20):
-            recorder.log(replace(step, frame=replace(step.frame, views=())), {})
+    path = record(tmp_path / "run.rrd", without_images(steps(2, n_particles=20)))
     assert main(["export", str(path), "-o", str(tmp_path / "overlay.mp4")]) == 2
     assert "expected images, found none" in capsys.readouterr().err
     assert not (tmp_path / "overlay.mp4").exists()
@@ -171,11 +159,7 @@ def mp4(tmp_path_factory):
 
 
 def test_pictures_of_a_recorded_video_are_its_frames(mp4, tmp_path):
-    path, labels = tmp_path / "run.rrd", {"run_id": "run", "config_yaml": "", "provenance": {}}
-    with Recorder(path, BODY, SPACE, **labels, video=True, source_video=mp4) as recorder:
-        for step in steps(N, n_particles=20):
-            recorder.log(step, {})
-    recorded = read(path)
+    recorded = read(record(tmp_path / "run.rrd", steps(N, n_particles=20), video=True, source_video=mp4))
     numbers = recorded.poses[0].tolist()
     assert numbers == list(range(FIRST, FIRST + N))
     for frames in (numbers, numbers[2:4]):
@@ -185,12 +169,11 @@ def test_pictures_of_a_recorded_video_are_its_frames(mp4, tmp_path):
 
 
 def test_a_dataset_without_a_readable_video_is_rejected(tmp_path):
-    labels = {"run_id": "run", "config_yaml": "", "provenance": {}}
     with pytest.raises(InputError, match="expected a dataset of one MP4 video"):
-        Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True)
+        record(tmp_path / "run.rrd", [], video=True)
     (other := tmp_path / "other.mp4").write_bytes(b"no video")
     with pytest.raises(InputError, match=r"other\.mp4: expected a video that Rerun reads"):
-        Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True, source_video=other)
+        record(tmp_path / "run.rrd", [], video=True, source_video=other)
     assert not any(tmp_path.glob("run.rrd*"))
 
 
