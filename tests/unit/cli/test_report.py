@@ -5,10 +5,10 @@ import csv
 import json
 import re
 import shutil
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from html_page import Page
 from recording_steps import BODY, SPACE, errors, steps, without_images
 
 from workbench.body.kinematics import joints
@@ -69,21 +69,6 @@ def written(sweep, tmp_path_factory):
         patch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set())
         assert main(["report", str(sweep), "-o", str(folder)]) == 0
     return folder
-
-
-class Page(HTMLParser):
-    """All tags with their attributes, and the text of a page."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.tags, self.text = [], ""
-        self.feed(page)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_data(self, data):
-        self.text += data
 
 
 def rows_of(path):
