@@ -66,20 +66,18 @@ def test_odd_image_sizes_are_cropped_and_lines_of_other_bodies_have_one_colour()
 
 
 def persons_lines():
-    """Return lines (5, 4, 2) of a person, each at another height of the image, and the names of their joints."""
+    """Return lines (5, 4, 2) of a person, each at another height of the image, and where the left ankle is in them."""
     names = [list(chain) for chain in PERSON_CHAINS]
     lines = np.array([[[20.0 + 20.0 * k, 20.0 + 20.0 * row] for k in range(4)] for row in range(len(names))])
     for row, chain in enumerate(names):
         for k in range(1, 4):
             if chain[k] == chain[k - 1]:
                 lines[row, k] = lines[row, k - 1]
-    return lines, names
+    return lines, next((row, chain.index("left_ankle")) for row, chain in enumerate(names) if "left_ankle" in chain)
 
 
 def test_limbs_are_fainter_the_less_confident_the_detector_is():
-    lines, names = persons_lines()
-    row = next(k for k, chain in enumerate(names) if "left_ankle" in chain)
-    k = names[row].index("left_ankle")
+    lines, (row, k) = persons_lines()
     u, v = lines[row, k - 1 : k + 1].mean(axis=0).astype(int)
     grey = []
     for weight in (1.0, 0.6, 0.0):
@@ -91,12 +89,10 @@ def test_limbs_are_fainter_the_less_confident_the_detector_is():
 
 @pytest.mark.parametrize("far", [np.nan, np.inf, 1e12])
 def test_limbs_without_a_place_in_the_image_are_omitted(far):
-    lines, names = persons_lines()
-    black = np.zeros((140, 120), np.uint8)
-    k = next(row for row, chain in enumerate(names) if "left_ankle" in chain)
-    lines[k, 1:] = far
-    image = drawn(Picture(0, black, {"estimate": lines}))
-    assert not image[15 + 20 * k : 25 + 20 * k].any()
+    lines, (row, _) = persons_lines()
+    lines[row, 1:] = far
+    image = drawn(Picture(0, np.zeros((140, 120), np.uint8), {"estimate": lines}))
+    assert not image[15 + 20 * row : 25 + 20 * row].any()
     assert image.any()
 
 
@@ -178,10 +174,8 @@ def test_a_dataset_without_a_readable_video_is_rejected(tmp_path):
 
 
 def test_limbs_with_a_hidden_end_are_not_drawn():
-    lines, names = persons_lines()
-    row = next(k for k, chain in enumerate(names) if "left_ankle" in chain)
+    lines, (row, k) = persons_lines()
     picture = Picture(0, np.zeros((140, 120), np.uint8), {"estimate": lines})
-    k = names[row].index("left_ankle")
     (u, v), (u_thigh, v_thigh) = (lines[row, at - 1 : at + 1].mean(axis=0).astype(int) for at in (k, k - 1))
     image = drawn(picture, hidden={"left_ankle"})
     assert not image[v, u].any()
