@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from humaneva_files import write as write_humaneva
 from openpose_scenes import points, standing, write
+from video_files import camera_table
 
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
 from workbench.core.dataset import Dataset, SequenceInfo
@@ -20,15 +21,6 @@ from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
 
-CAMERA = """
-[{name}]
-size = [40, 32]
-matrix = [[50.0, 0.0, 19.5], [0.0, 50.0, 15.5], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = [1.57, 0.0, 0.0]
-translation = [0.0, 1.0, 4.0]
-"""
-
 
 def images(folder, n_frames=5):
     folder.mkdir()
@@ -38,7 +30,7 @@ def images(folder, n_frames=5):
 
 
 def cameras(folder, *names):
-    (folder / "cameras.toml").write_text("".join(CAMERA.format(name=name) for name in names))
+    (folder / "cameras.toml").write_text("".join(camera_table(name, (40, 32), 50.0) for name in names))
     return str(folder / "cameras.toml")
 
 
@@ -135,11 +127,7 @@ def test_the_sequence_info_describes_the_frames(dataset):
     assert 0.0 < info.scale <= 1.0
     assert info.initial_pose is None or info.initial_pose.shape == (len(POSE_NAMES),)
     if info.initial_annotations is not None:
-        assert info.initial_annotations.keypoints.shape == (
-            len(info.initial_annotations.times_s),
-            len(JOINT_NAMES),
-            3,
-        )
+        assert info.initial_annotations.keypoints.shape == (len(info.initial_annotations.times_s), len(JOINT_NAMES), 3)
         assert info.initial_annotations.times_s[0] == frames[0].time_s
     assert info.phase_ends is None or info.phase_ends[1] > info.phase_ends[0]
     if info.pose_history is not None:

@@ -56,10 +56,7 @@ def composed(name, folder):
     overrides = [f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", overrides=["experiment=custom", "training.motions=builtin", *overrides]).prior
-    return build(
-        config,
-        trajectory=lambda: Trajectory(np.zeros(1), walk().poses[:1]),
-    )
+    return build(config, trajectory=lambda: Trajectory(np.zeros(1), walk().poses[:1]))
 
 
 @pytest.fixture(scope="module")

@@ -37,12 +37,7 @@ SETTINGS = {"seed": 7, "prior": {"sigma": 0.05, "name": "wide"}}
 
 
 def recorder(path, run_id="a run", **options):
-    defaults = {
-        "config_yaml": CONFIG,
-        "settings": SETTINGS,
-        "provenance": PROVENANCE,
-        **options,
-    }
+    defaults = {"config_yaml": CONFIG, "settings": SETTINGS, "provenance": PROVENANCE, **options}
     return Recorder(path, BODY, SPACE, run_id=run_id, **defaults)
 
 

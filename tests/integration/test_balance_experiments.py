@@ -1,6 +1,7 @@
 """Experiments with several cameras: a small version of the balancing man, and generated files of two cameras."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cameras.camera import plain_camera
+from workbench.cameras.camera_file import write_cameras
 from workbench.motion.formats.motion_export import trc_text
 from workbench.recording.read.reader import read
 
@@ -36,15 +38,11 @@ def write_scene(folder):
     poses[:, skeleton.dof("right_shoulder_abduction")] = np.linspace(0.3, 1.2, n_frames)
     positions = joints(skeleton, poses)
     (folder / "truth.trc").write_text(trc_text("truth.trc", JOINT_NAMES, positions, 14.0))
-    camera_tables = []
+    cameras = []
     for name, position in {"front": (2.0, 0.25, 1.2), "side": (0.25, 2.0, 1.2)}.items():
         camera = plain_camera(320, 240, 120.0, position, (0.0, 0.0, 0.9), name=name)
+        cameras.append(replace(camera, distortion=lens))
         rotation, _ = cv2.Rodrigues(camera.rotation)
-        rows = ", ".join(str(row.tolist()) for row in camera.matrix)
-        camera_tables.append(
-            f"[{name}]\nsize = [320, 240]\nmatrix = [{rows}]\ndistortions = {lens.tolist()}\n"
-            f"rotation = {rotation.ravel().tolist()}\ntranslation = {camera.translation.tolist()}\n"
-        )
         (folder / name).mkdir()
         (folder / f"{name}_json").mkdir()
         for t in range(n_frames):
@@ -54,7 +52,7 @@ def write_scene(folder):
             points = [number for joint in COCO_17 for number in (*pixels[joint].tolist(), 1.0)]
             detections = {"people": [{"pose_keypoints_2d": points}]}
             (folder / f"{name}_json" / f"{t:04d}.json").write_text(json.dumps(detections))
-    (folder / "cameras.toml").write_text("\n".join(camera_tables))
+    write_cameras(folder / "cameras.toml", cameras, 0.0, {})
 
 
 def scene_overrides(folder):

@@ -17,7 +17,7 @@ from openpose_scenes import points, write
 from rendered_boards import board_poses, lens, rendered
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cameras.camera import Camera
+from workbench.cameras.camera_file import write_cameras
 from workbench.cli.main import main
 from workbench.datasets.points import Points
 from workbench.motion.sources import find_motion
@@ -33,8 +33,8 @@ def write_own_files(folder):
     """Write walk.mp4 with annotations.csv and joints.csv; one.mp4 and two.mp4 with their detections and board videos;
     camera.toml and calibration.toml; points/; clips/ and my_walk.bvh."""
     one, two = (replace(camera.scaled(0.25), name=f"cam{k}") for k, camera in enumerate(camera_arc(2), 1))
-    (folder / "calibration.toml").write_text(toml(one) + toml(two))
-    (folder / "camera.toml").write_text(toml(one))
+    write_cameras(folder / "calibration.toml", [one, two], 0.0, {})
+    write_cameras(folder / "camera.toml", [one], 0.0, {})
     for name, camera in {"walk": one, "one": one, "two": two}.items():
         write_video(folder / f"{name}.mp4", [np.full((camera.height, camera.width, 3), 90, np.uint8)] * N)
     pixels = {name: camera.project(walker_joints()[:N]) for name, camera in (("one", one), ("two", two))}
@@ -67,15 +67,6 @@ def write_video(path, images):
     for image in images:
         video.write(image)
     video.release()
-
-
-def toml(camera: Camera):
-    """Return the calibration of a camera without distortion as Pose2Sim and Sports2D write it."""
-    rotation = cv2.Rodrigues(camera.rotation)[0].ravel().tolist()
-    return (
-        f"[{camera.name}]\nsize = [{camera.width}, {camera.height}]\nmatrix = {camera.matrix.tolist()}\n"
-        f"distortions = [0.0, 0.0, 0.0, 0.0]\nrotation = {rotation}\ntranslation = {camera.translation.tolist()}\n"
-    )
 
 
 ROOT = Path(__file__).parents[2]

@@ -6,21 +6,10 @@ from workbench.utils.arrays import FloatArray
 
 
 def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
-    """Compute channels at phases of a cycle: μ(ψ) + Σ_k c_k v_k(ψ) (paper B, section 3).
+    """Return channels (N, C) at phases (N,), cycles: μ(ψ) + Σ_k c_k v_k(ψ) (paper B, section 3).
 
-    Parameters
-    ----------
-    table : (M, 1 + d, C) array
-        The mean and the d scaled components at M equidistant phases, interpolated linearly.
-    coefficients : (N, d) array
-        In units of the components' deviations.
-    phase : (N,) array
-        Cycles.
-
-    Returns
-    -------
-    (N, C) array
-        Channels in the table's units.
+    table : (M, 1 + d, C), the mean and the d scaled components at M equidistant phases, interpolated linearly.
+    coefficients : (N, d), in units of the components' deviations.
     """
     index = (phase % 1.0) * len(table)
     first = np.floor(index).astype(np.int64)

@@ -10,18 +10,7 @@ from workbench.utils.arrays import AnyArray, Float32Array, FloatArray, IntArray
 
 
 def filtered(images: SmoothedBox) -> FilteredBox:
-    """Differentiate a smoothed image (height, width) by OpenCV.
-
-    Parameters
-    ----------
-    images : SmoothedBox
-        The image at 1 + S scales, and its local contrast.
-
-    Returns
-    -------
-    FilteredBox
-        Gradient (height, width, 2) and ridges (S, height, width, 3), over the contrast.
-    """
+    """Return gradient (height, width, 2) and ridges (S, height, width, 3) of an image over its contrast, by OpenCV."""
     fine, *coarser = images.levels
     contrast = images.contrast[..., None]
     gradient = np.stack([_derivative(fine, 1, 0), _derivative(fine, 0, 1)], axis=-1) / contrast
@@ -39,21 +28,9 @@ def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
 
 
 def response_log_ratio(images: FilteredBox, points: LimbPoints, table: Float32Array) -> FloatArray:
-    """Sum the log ratios of all filter responses of each limb, over the number of its points.
+    """Return the sums of the log ratios of all filter responses of each limb, (N, L), over the number of its points.
 
-    Parameters
-    ----------
-    images : FilteredBox
-        The derivatives of a view.
-    points : LimbPoints
-        `POINTS` of L limbs in N poses, and which of them are used.
-    table : (2, L, BINS) array
-        Log ratios of edges and of ridges.
-
-    Returns
-    -------
-    (N, L) array
-        Log ratios.
+    table : (2, L, BINS), log ratios of edges and of ridges.
     """
     edges, ridges, counts = responses(images, points)
     limb = np.arange(len(table[0]))[:, None]

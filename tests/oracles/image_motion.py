@@ -1,7 +1,7 @@
 """Paper A's image-motion likelihood of one camera in plain NumPy, float64, for `workbench.likelihoods.image_motion`.
 
 It follows the paper's equations of the planar patch and of the limb likelihood. N particles, L limbs, n sample points
-per limb.
+(u, v) per limb, u = 0..1 along its patch and v = −1..1 across it. A model has the constants of A eq. 10 and 11.
 """
 
 from dataclasses import dataclass
@@ -19,17 +19,7 @@ from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """One camera's view at one time.
-
-    Attributes
-    ----------
-    camera : Camera
-        The camera.
-    image : (height, width) array
-        Smoothed grey levels.
-    frames : JointFrames
-        The joints' frames in N poses of the body at that time.
-    """
+    """A camera's smoothed grey levels (height, width), and the joints' frames in N poses of the body at that time."""
 
     camera: Camera
     image: Float32Array
@@ -40,15 +30,10 @@ class PosedView:
 class Patches:
     """The limbs' planar patches as one camera sees them.
 
-    Attributes
-    ----------
-    corners : (N, L, 2, 2, 2) array
-        px, [u = 0 or 1, v = −1 or 1, (x, y)]: at the limb's start or end, at the left or right edge of a limb that
-        points up.
-    depths : (N, L, 2) array
-        Depths of the patch's axis at its start and end, m.
-    cos_alpha : (N, L) array
-        1 for spheres, 0 where a limb has no patch.
+    corners : (N, L, 2, 2, 2), px, [u = 0 or 1, v = −1 or 1, (x, y)]: at the limb's start or end, at the left or right
+        edge of a limb that points up.
+    depths : (N, L, 2), of the patch's axis at its start and end, m.
+    cos_alpha : (N, L), 1 for spheres, 0 where a limb has no patch.
     """
 
     corners: FloatArray
@@ -69,26 +54,7 @@ class Patches:
 def view_log_prob(
     limbs: Limbs, samples: FloatArray, model: LimbModel, before: PosedView, now: PosedView
 ) -> tuple[FloatArray, IntArray]:
-    """Compute log p(I_t | φ_t, φ_t−1, I_t−1).
-
-    Parameters
-    ----------
-    limbs : Limbs
-        L limbs.
-    samples : (n, 2) array
-        Points (u, v) of every patch, u = 0..1 along it and v = −1..1 across it.
-    model : LimbModel
-        The constants of A eq. 10 and 11.
-    before, now : PosedView
-        The camera's images at t − 1 and t, and the joints' frames of N particles there.
-
-    Returns
-    -------
-    (N,) array
-        Log likelihoods.
-    (N,) array
-        Numbers of points outside the images.
-    """
+    """Return log p(I_t | φ_t, φ_t−1, I_t−1), (N,), and the numbers (N,) of points outside the images."""
     patches_before, patches_now = limb_patches(limbs, before), limb_patches(limbs, now)
     points_before, points_now = patches_before.positions(samples), patches_now.positions(samples)
     cos_alpha = np.where(patches_before.cos_alpha > 0.0, patches_now.cos_alpha, 0.0)
@@ -113,19 +79,9 @@ def _exponent(residuals: FloatArray, compared: BoolArray, model: LimbModel) -> F
 
 
 def _static_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
-    """Compute log p of points on a static background minus log p of points where nothing changed.
+    """Return log p of points on a static background minus log p of points where nothing changed, (N, L), at most 0.
 
-    Parameters
-    ----------
-    exponent : (N, L) array
-        Weighted sums of squared changes, grey levels².
-    model : LimbModel
-        The constants of A eq. 10 and 11.
-
-    Returns
-    -------
-    (N, L) array
-        Log ratios, at most 0.
+    exponent : weighted sums (N, L) of squared changes, grey levels².
     """
     peak = np.log((1.0 - model.outlier_fraction) / (np.sqrt(2.0 * np.pi) * model.sigma))
     with np.errstate(divide="ignore"):
@@ -134,23 +90,10 @@ def _static_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
 
 
 def _limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
-    """Compute log p_j of A eq. 10 and 11.
+    """Return log p_j of A eq. 10 and 11, (N, L).
 
-    Parameters
-    ----------
-    exponent : (N, L) array
-        Weighted sums of squared residuals, grey levels².
-    cos_alpha : (N, L) array
-        Cosines of the angles between limbs and image plane.
-    visible : (N, L) array
-        The fraction q of each limb that is compared, times cos α.
-    model : LimbModel
-        The constants of A eq. 10 and 11.
-
-    Returns
-    -------
-    (N, L) array
-        Log likelihoods.
+    exponent : weighted sums (N, L) of squared residuals, grey levels².
+    visible : the fraction q (N, L) of each limb that is compared, times cos α.
     """
     q = np.asarray(visible)
     with np.errstate(divide="ignore"):
@@ -163,22 +106,10 @@ def _limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatAr
 
 
 def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
-    """Compute the planar patch of every limb, which contains the limb's axis and faces the camera (A, fig. 2).
+    """Return the planar patch of every limb, which contains the limb's axis and faces the camera (A, fig. 2).
 
     A limb's edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed
     in its outline, upright along the joint frame's z axis, so that its four corners lie on the outline.
-
-    Parameters
-    ----------
-    limbs : Limbs
-        L limbs.
-    view : PosedView
-        The camera, and the joints' frames of N particles.
-
-    Returns
-    -------
-    Patches
-        The limbs' patches.
     """
     rotation = view.camera.rotation @ view.frames.rotations[:, limbs.joints]  # limb to camera
     origin = view.camera.to_camera(view.frames.positions[:, limbs.joints])
@@ -205,29 +136,13 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
-    """Find which points other limbs occlude.
+    """Return which points (N, L, n) other limbs occlude.
 
     "sample": a point is occluded by a patch (a disc for a sphere) that covers it and whose axis is nearer by more than
     half the sum of the two limbs' mean radii. This is half the distance between the axes of two touching limbs, because
     limbs that overlap at a joint must not occlude each other. "limb" (A, section 5): all points of a limb are occluded
     if any of them is covered by a limb that does not continue it and whose nearest surface is nearer than its own.
     "none": nothing is occluded.
-
-    Parameters
-    ----------
-    limbs : Limbs
-        L limbs.
-    patches : Patches
-        The limbs' patches in N poses.
-    samples : (n, 2) array
-        Points (u, v) of every patch, u = 0..1 along it and v = −1..1 across it.
-    occlusion : str
-        The rule.
-
-    Returns
-    -------
-    (N, L, n) array of bool
-        True for occluded points.
     """
     points, depths = patches.positions(samples), patches.sample_depths(samples)
     hidden = np.zeros(points.shape[:-1], dtype=bool)
@@ -249,26 +164,7 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
 
 
 def cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Find which points a limb covers.
-
-    Parameters
-    ----------
-    patches : Patches
-        The limbs' patches in N poses.
-    k : int
-        The limb.
-    sphere : bool
-        Whether it is a sphere.
-    points : (N, n, 2) array
-        Pixels.
-
-    Returns
-    -------
-    (N, n) array of bool
-        True for points that it covers.
-    (N, n) array
-        Depths of its axis there, m.
-    """
+    """Return which pixels (N, n, 2) limb k covers, (N, n), and the depths of its axis there, (N, n), m."""
     corners = patches.corners[:, k]
     start, end = corners[:, 0].mean(axis=1), corners[:, 1].mean(axis=1)
     edges = (corners[:, :, 1] - corners[:, :, 0]) / 2.0  # (N, 2, 2): half the patch's width at its start and end

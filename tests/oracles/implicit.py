@@ -14,25 +14,10 @@ from workbench.utils.arrays import FloatArray, IntArray
 
 
 def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf: str = "gaussian") -> IntArray:
-    """Draw an entry for each probe by probabilistic search (C, eq. 7 and 8), level by level.
+    """Draw an entry (N,) for each probe (N, b) by probabilistic search (C, eq. 7 and 8), level by level.
 
-    Parameters
-    ----------
-    tree : Tree
-        n entries with b coefficients.
-    probes : (N, b) array
-        Coefficients to search for.
-    beta : float
-        Temperature.
-    uniforms : (N, b + 1) array
-        Numbers in [0, 1), one for each level and one for the leaf.
-    leaf : str
-        How an entry of the leaf is drawn: by its probability ("gaussian") or with equal odds ("uniform").
-
-    Returns
-    -------
-    (N,) array
-        Entries, 0 to n − 1.
+    beta : temperature. uniforms : (N, b + 1) numbers in [0, 1), one for each level and one for the leaf. leaf : how an
+    entry of the leaf is drawn: by its probability ("gaussian") or with equal odds ("uniform").
     """
     entries = np.empty(len(probes), dtype=np.int64)
     for i, (probe, uniform) in enumerate(zip(probes, uniforms, strict=True)):
@@ -54,25 +39,10 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
 
 
 def search_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:
-    """Compute the distribution that the search draws from for one probe.
+    """Return the distribution (n,) that the search draws from for one probe (b,), and its number of distances.
 
-    Parameters
-    ----------
-    tree : KdTree
-        n entries with b coefficients.
-    probe : (b,) array
-        Coefficients to search for.
-    beta : float
-        Temperature.
-    epsilon : float
-        The fraction of the probability mass that the search may omit.
-
-    Returns
-    -------
-    (n,) array
-        Probabilities of the entries.
-    int
-        Number of entries whose distance is computed.
+    beta : temperature. epsilon : the fraction of the probability mass that the search may omit. A distance is computed
+    for each entry of the leaves that are scanned.
     """
     probe, n = padded(probe[None])[0], len(tree.order)
     exponents = np.full(n, np.inf)  # of the scanned places
@@ -118,27 +88,10 @@ def search_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: f
 def log_mixture(
     tree: KdTree, probe: FloatArray, beta: float, epsilon: float, windows: WindowDisplacements, white: FloatArray
 ) -> FloatArray:
-    """Compute the log terms log p(i | c) N(d; d_i, Σ) of the density, for one probe and one displacement d.
+    """Return the density's log terms log p(i | c) N(d; d_i, Σ), (n,), for one probe c (b,) and displacement d (K,).
 
-    Parameters
-    ----------
-    tree : KdTree
-        n windows with b coefficients.
-    probe : (b,) array
-        Coefficients c of the pose before.
-    beta : float
-        Temperature.
-    epsilon : float
-        The fraction of the probability mass that the search may omit.
-    windows : WindowDisplacements
-        The displacements (n, K) of the windows over their standard deviations.
-    white : (K,) array
-        The displacement, in the same order and units.
-
-    Returns
-    -------
-    (n,) array
-        Log terms, −∞ for windows that the search omits or that have another displacement without noise.
+    They are −∞ for windows that the search omits or that have another displacement without noise. windows, white : the
+    displacements over their standard deviations. beta, epsilon : see `search_distribution`.
     """
     distribution, _ = search_distribution(tree, probe, beta, epsilon)
     entries = np.flatnonzero(distribution)

@@ -8,20 +8,7 @@ from workbench.utils.arrays import FloatArray
 
 
 def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
-    """Compute the world frames of every joint: T_world_joint = T_world_parent [R, offset] (paper A, section 3).
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        J joints with P degrees of freedom.
-    poses : (N, P) array
-        m and rad.
-
-    Returns
-    -------
-    JointFrames
-        Rotations (N, J, 3, 3) and positions (N, J, 3), m.
-    """
+    """Return the joints' frames in poses (N, P): T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
     size = (len(poses), len(skeleton.names), 3)
     rotations, positions = np.zeros((*size, 3)), np.zeros(size)
     for j, parent in enumerate(skeleton.parents):

@@ -9,23 +9,10 @@ from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 def outline_sums(
     image: Float32Array, corners: Float32Array, spheres: BoolArray, dilation_px: float = 0.0
 ) -> FloatArray:
-    """Sum an image over the union of L outlines; a pixel counts by the fraction of its row that is covered.
+    """Sum an image over the union of L outlines, (N,); a pixel counts by the fraction of its row that is covered.
 
-    Parameters
-    ----------
-    image : (height, width) array
-        Values of pixels.
-    corners : (N, L, 4, 2) array
-        Corners, px, in the order of `cues.outlines.CORNERS`; all equal for a limb that is not visible.
-    spheres : (L,) array
-        True for outlines that are the circle through their corners.
-    dilation_px : float
-        Distance by which outlines are dilated on all sides, px.
-
-    Returns
-    -------
-    (N,) array
-        Sums, in the image's unit times px².
+    corners : (N, L, 4, 2), px, in the order of `cues.outlines.CORNERS`; all equal for a limb that is not visible.
+    spheres : (L,), whether an outline is the circle through its corners. dilation_px : on all sides.
     """
     height, width = image.shape
     edges = np.arange(width + 1) - 0.5

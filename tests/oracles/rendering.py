@@ -13,23 +13,9 @@ EVEN = 1e-9
 
 
 def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
-    """Find the first limb that each ray meets, for all pixels of an image.
+    """Find the first limb that each ray (h, w) meets, for all pixels of an image.
 
-    Parameters
-    ----------
-    body : Body
-        L limbs on a skeleton with P degrees of freedom.
-    pose : (P,) array
-        m and rad.
-    camera : Camera
-        The camera whose rays they are.
-    rays : Rays
-        Directions (h, w, 2) in the camera's frame, at depth 1.
-
-    Returns
-    -------
-    Hits
-        Depths (h, w), m, inf where a ray meets nothing; limbs (h, w), −1 there.
+    Depths are in m, inf where a ray meets nothing; limbs are −1 there. pose : (P,), m and rad.
     """
     limbs, frames = body.limbs, forward(body.skeleton, pose[None])
     from_joint, origins = frames.rotations[0, limbs.joints], frames.positions[0, limbs.joints]
@@ -50,21 +36,11 @@ def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
 
 
 def _depths(origin: FloatArray, direction: FloatArray, size: FloatArray) -> FloatArray:
-    """Find where rays meet a limb.
+    """Return the depths (...), m, where rays meet a limb, inf where they miss.
 
-    Parameters
-    ----------
-    origin : (3,) array
-        The camera's centre in the limb's frame, which starts at its axis' start with z along the axis, m.
-    direction : (..., 3) array
-        Directions in the limb's frame, of which depth is the multiple.
-    size : (5,) array
-        Length of the axis, semi-axes x and y at its start, x and y at its end, m.
-
-    Returns
-    -------
-    (...) array
-        Depths, m; inf where the ray misses.
+    origin : the camera's centre in the limb's frame, which starts at its axis' start with z along the axis, m.
+    direction : (..., 3), in the limb's frame, of which depth is the multiple. size : (5,), m, length of the axis,
+    semi-axes x and y at its start, x and y at its end.
     """
     length, ax, ay, bx, by = size
     depth = np.full(direction.shape[:-1], np.inf)

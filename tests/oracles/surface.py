@@ -1,6 +1,8 @@
 """The implicit surface in plain NumPy, formula by formula, for `workbench.body.surface`, which states the formulas.
 
-Every point meets every part, so that one function serves attachment, residuals and meshes.
+Every point meets every part, so that one function serves attachment, residuals and meshes. A surface has E ellipsoids
+in B parts; frames are the joints' in one pose, (1, J, ...); points (K, 3) are in the world, m. Residuals are of kind
+"field", dimensionless, or "distance", m.
 """
 
 import numpy as np
@@ -13,22 +15,7 @@ from workbench.utils.arrays import FloatArray, IntArray
 
 
 def log_fields(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
-    """Compute log(f / C) of every part.
-
-    Parameters
-    ----------
-    surface : Surface
-        E ellipsoids in B parts.
-    frames : JointFrames
-        The joints' frames in one pose, (1, J, ...).
-    points : (K, 3) array
-        World points, m.
-
-    Returns
-    -------
-    (K, B) array
-        Logarithms of the normalised fields.
-    """
+    """Return log(f / C) of every part, (K, B)."""
     return np.stack([_log_field(surface, frames, part, points) for part in range(len(surface.part_names))], axis=1)
 
 
@@ -38,22 +25,7 @@ def _log_field(surface: Surface, frames: JointFrames, part: int, points: FloatAr
 
 
 def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
-    """Compute the pseudo-distances to every part.
-
-    Parameters
-    ----------
-    surface : Surface
-        E ellipsoids in B parts.
-    frames : JointFrames
-        The joints' frames in one pose, (1, J, ...).
-    points : (K, 3) array
-        World points, m.
-
-    Returns
-    -------
-    (K, B) array
-        Pseudo-distances, m, positive outside.
-    """
+    """Return the pseudo-distances (K, B), m, to every part, positive outside."""
     fields = log_fields(surface, frames, points)
     part_distances = np.empty_like(fields)
     for part in range(len(surface.part_names)):
@@ -65,24 +37,7 @@ def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> Floa
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
-    """Find the part with the smallest |distance| or |log(f / C)|.
-
-    Parameters
-    ----------
-    surface : Surface
-        E ellipsoids in B parts.
-    frames : JointFrames
-        The joints' frames in one pose, (1, J, ...).
-    points : (K, 3) array
-        World points, m.
-    kind : str
-        The compared quantity: "distance" or "field".
-
-    Returns
-    -------
-    (K,) array
-        Parts, 0 to B − 1.
-    """
+    """Return the part, (K,), 0 to B − 1, with the smallest |distance| or |log(f / C)| of each point."""
     values = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
     return np.abs(values).argmin(axis=1)
 
@@ -90,28 +45,7 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """Compute the residuals of points attached to parts.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        J joints with P degrees of freedom.
-    surface : Surface
-        E ellipsoids in B parts.
-    pose : (P,) array
-        m and rad.
-    points : (K, 3) array
-        World points, m.
-    kind : str
-        The residual: "field" or "distance".
-    attachment : (K,) array
-        The part of each point.
-
-    Returns
-    -------
-    (K,) array
-        Residuals: dimensionless for fields, m for distances.
-    """
+    """Return the residuals (K,) in a pose (P,), m and rad, of points attached to parts (K,)."""
     frames = forward(skeleton, pose[None])
     if kind == "distance":
         values = distances(surface, frames, points)
@@ -123,30 +57,7 @@ def residuals(
 def residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute residuals and their derivative, by loops over ellipsoids and degrees of freedom.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        J joints with P degrees of freedom.
-    surface : Surface
-        E ellipsoids in B parts.
-    pose : (P,) array
-        m and rad.
-    points : (K, 3) array
-        World points, m.
-    kind : str
-        The residual: "field" or "distance".
-    attachment : (K,) array
-        The part of each point.
-
-    Returns
-    -------
-    (K,) array
-        Residuals, see `residuals`.
-    (K, P) array
-        Their derivative by the pose, per m and rad.
-    """
+    """Return `residuals` and their derivative (K, P), per m and rad, by loops over ellipsoids and parameters."""
     frames = forward(skeleton, pose[None])
     axes, descends = world_axes(skeleton, pose[None], frames)[0], descendants(skeleton)
     jacobian = np.zeros((len(points), len(pose)))
@@ -166,26 +77,7 @@ def residual_jacobian(
 
 
 def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatArray, kind: Kind) -> list[FloatArray]:
-    """Compute each ellipsoid's contribution to the gradient of the residual with respect to the point.
-
-    Parameters
-    ----------
-    surface : Surface
-        E ellipsoids in B parts.
-    frames : JointFrames
-        The joints' frames in one pose, (1, J, ...).
-    part : int
-        A part of n ellipsoids.
-    points : (K, 3) array
-        World points, m.
-    kind : str
-        The residual: "field" or "distance".
-
-    Returns
-    -------
-    list of n (K, 3) arrays
-        Gradients, 1/m for fields, dimensionless for distances.
-    """
+    """Return each ellipsoid's contribution (K, 3) to the gradient of a part's residual by the point."""
     field = log_fields(surface, frames, points)[:, part]
     members = _members(surface, part)
     weights = [np.exp(_exponent(surface, frames, i, points) - field) for i in members]
@@ -234,23 +126,9 @@ def _slope(surface: Surface, field: FloatArray) -> FloatArray:
 
 
 def _scale(surface: Surface, i: int, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the metres per unit of the normalised radius of ellipsoid i.
+    """Return the metres per unit of the normalised radius of ellipsoid i, (K,), and their gradient (K, 3) by the point.
 
-    Parameters
-    ----------
-    surface : Surface
-        E ellipsoids in B parts.
-    i : int
-        The ellipsoid.
-    local : (K, 3) array
-        Points in its axes, m from its centre.
-
-    Returns
-    -------
-    (K,) array
-        Scales, m.
-    (K, 3) array
-        Their gradient by the point.
+    local : points (K, 3) in the ellipsoid's axes, m from its centre.
     """
     half = surface.half_sizes[i]
     d, d_slope = np.sum((local / half) ** 2, axis=1), 2.0 * local / half**2

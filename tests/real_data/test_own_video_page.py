@@ -51,9 +51,9 @@ def folder(data, tmp_path_factory):
     first, _, _, fourth = load_cameras(man / "Calib_qualisys.toml")
     rig = [replace(first, name="left"), replace(fourth, name="right")]
     write_cameras(folder / "rig.toml", rig, 0.0, {})
-    for number in (1, 2):
-        (folder / "trials").mkdir(exist_ok=True)
-        shutil.copy(folder / "walk.mp4", folder / "trials" / f"trial{number}.mp4")
+    (folder / "trials").mkdir()
+    for name in ("walk", "walk2"):  # people in the first one have been detected by an earlier command
+        shutil.copy(folder / "walk.mp4", folder / "trials" / f"{name}.mp4")
     (folder / "cache" / "models").mkdir(parents=True)
     shutil.copy(data / "blazepose" / MODELS["full"].file, folder / "cache" / "models")
     return folder

@@ -20,10 +20,7 @@ def read_any(path):
     return hdf5.read_hdf5(path, "numbers", own=True)
 
 
-KINDS = {
-    "library": (library, "motions/000000/poses", read_library),
-    "points": (points, "frames/1", read_points),
-}
+KINDS = {"library": (library, "motions/000000/poses", read_library), "points": (points, "frames/1", read_points)}
 
 
 @pytest.mark.slow

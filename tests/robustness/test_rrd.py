@@ -31,7 +31,7 @@ def kinds(tmp_path_factory):
 @pytest.mark.slow
 def test_random_damage_is_refused_or_read(kinds, tmp_path):
     """Each of n damaged recordings is read or refused, and the sound one in their folder is read."""
-    n = 20
+    n = 19  # with the sound one, as many as one child process decodes
     (tmp_path / "sound.rrd").write_bytes(kinds[0])
 
     @given(st.lists(changes | flips, min_size=n, max_size=n), st.booleans())

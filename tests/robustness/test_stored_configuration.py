@@ -117,12 +117,6 @@ def test_only_components_are_accepted(foreign):
     assert message.startswith("a.rrd: prior.")
 
 
-def test_a_path_as_the_key_of_a_mapping_is_refused():
-    node = {"_target_": "workbench.datasets.points.Points", "motion": {"/etc/walk.bvh": "a"}}
-    message = refusal(runnable_config, run_with(yaml.safe_dump({"seed": 3, "dataset": node})), [], defaults())
-    assert message.startswith("a.rrd: dataset.motion./etc/walk.bvh: '/etc/walk.bvh' is outside paths.data")
-
-
 RECORDER = "workbench.recording.write.recorder.Recorder"
 UNLISTED = {
     "recorder.path": {"recorder": {"_target_": RECORDER, "path": "notes.txt"}},

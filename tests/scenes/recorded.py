@@ -6,12 +6,14 @@ from rerun.chunk import RrdReader
 from workbench.recording.write.recorder import Recorder
 
 
-def record(path, run, metrics=lambda step: {}, **options):
-    """Record steps with their metrics and return the path."""
+def record(path, run, metrics=lambda step: {}, result=None, **options):
+    """Record steps with their metrics and the run's result, and return the path."""
     options = {"run_id": path.stem, "config_yaml": "", "provenance": {}, **options}
     with Recorder(path, BODY, options.pop("space", SPACE), **options) as recorder:
         for step in run:
             recorder.log(step, metrics(step))
+        if result:
+            recorder.set_result(result)
     return path
 
 

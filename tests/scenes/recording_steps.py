@@ -1,6 +1,7 @@
 """Synthetic steps for the recorder: a person walks past a camera, and particles are noise around the truth."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -73,6 +74,11 @@ def steps(
         frame = Frame(10 + i, i / _RATE_HZ, (View(camera, image),), frame_truth)
         coefficients = 0.95 * coefficients + rng.normal(0.0, 0.08, 5) * SCALE
         yield _step(frame, truth, coefficients, n_particles, rng)
+
+
+def without_images(run: Iterable[Step]) -> list[Step]:
+    """Return the steps without cameras, which most readers do not need."""
+    return [replace(step, frame=replace(step.frame, views=())) for step in run]
 
 
 def _step(frame: Frame, truth: FloatArray, coefficients: FloatArray, n: int, rng: np.random.Generator) -> Step:

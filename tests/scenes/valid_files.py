@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import h5py
 import numpy as np
 
@@ -177,4 +178,13 @@ def c3d(path):
     file["parameters"]["POINT"]["LABELS"]["value"] = ["neck", "left_ankle"]
     file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
     file.write(str(path))
+    return path
+
+
+def write_storage(path, **values):
+    """Write values as OpenCV does; return the path."""
+    storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
+    for key, value in values.items():
+        storage.write(key, value)
+    storage.release()
     return path

@@ -15,6 +15,15 @@ def video(path, n, rate_hz, size=(160, 120)):
     return path
 
 
+def camera_table(name, size, focal_px, x_m=0.0):
+    """Return the TOML table of a level camera without distortion, 4 m behind the origin."""
+    u, v = (0.5 * (side - 1) for side in size)
+    return (
+        f"[{name}]\nsize = {list(size)}\nmatrix = [[{focal_px}, 0.0, {u}], [0.0, {focal_px}, {v}], [0.0, 0.0, 1.0]]\n"
+        f"distortions = [0.0, 0.0, 0.0, 0.0]\nrotation = [1.57, 0.0, 0.0]\ntranslation = [{x_m}, 1.0, 4.0]\n"
+    )
+
+
 def with_durations(path, durations):
     """Set the durations of an MP4 file's frames, in multiples of the constant one, in its time table (stts)."""
     content = bytearray(path.read_bytes())

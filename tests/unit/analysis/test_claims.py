@@ -8,13 +8,7 @@ from recording_steps import BODY, steps
 
 from analysis.claims import __main__ as command
 from analysis.claims.claim import Claim, Setup, Verdict, both, lost, ratio, tracked, within
-from analysis.claims.listed import (
-    CLAIMS,
-    activity_right,
-    raised_knee_deg,
-    rotation_growth,
-    spread_growth,
-)
+from analysis.claims.listed import CLAIMS, activity_right, raised_knee_deg, rotation_growth, spread_growth
 from analysis.claims.measures import arms_poorest, at_most, gait, own_motions_mm, separated
 from analysis.command import chosen
 from analysis.figures.recordings import Source

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from recording_steps import BODY, CAMERA, SPACE, steps
+from recorded import record
+from recording_steps import BODY, CAMERA, steps
 
 from analysis.tables.videos import (
     _UPRIGHT_OVER_HEIGHT,
@@ -18,7 +19,6 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 from workbench.recording.read.reader import read
-from workbench.recording.write.recorder import Recorder
 
 LEFT, RIGHT = (JOINT_NAMES.index(f"{side}_shoulder") for side in ("left", "right"))
 LEFT_HIP, RIGHT_HIP = (JOINT_NAMES.index(f"{side}_hip") for side in ("left", "right"))
@@ -72,13 +72,10 @@ def test_the_height_is_that_of_an_average_person_upright():
 
 
 def test_joints_are_read_from_the_recording_in_pixels_of_the_video(tmp_path):
-    path, poses = tmp_path / "run.rrd", []
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
-        for step in steps(3, n_particles=20):
-            recorder.log(step, {})
-            poses.append(step.expected_pose)
+    run = list(steps(3, n_particles=20))
+    path = record(tmp_path / "run.rrd", run)
     pixels = projected_joints(read(path), [10, 12, 17])
-    expected = [CAMERA.project(joints(BODY.skeleton, poses[k][None])[0]) for k in (0, 2)]
+    expected = [CAMERA.project(joints(BODY.skeleton, run[k].expected_pose[None])[0]) for k in (0, 2)]
     np.testing.assert_allclose(pixels[:2], expected, atol=0.01)
     assert np.isnan(pixels[2]).all()
     assert np.isnan(detected_joints(read(path), [10, 12])).all()

@@ -73,11 +73,7 @@ def test_the_distance_to_a_sphere_is_exact_outside_and_half_at_its_centre():
 
 
 # Least and largest ratio of the pseudo-distance to the distance 5 mm to 1 m outside, from the docstring of `surface`.
-ACCURACY = {
-    (0.05, 0.05, 0.08): (0.97, 1.00),
-    (0.05, 0.05, 0.125): (0.88, 1.02),
-    (0.1, 0.17, 0.35): (0.77, 1.07),
-}
+ACCURACY = {(0.05, 0.05, 0.08): (0.97, 1.00), (0.05, 0.05, 0.125): (0.88, 1.02), (0.1, 0.17, 0.35): (0.77, 1.07)}
 
 
 @pytest.mark.parametrize(("half", "accuracy"), ACCURACY.items(), ids=str)

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from observed_walkers import HEIGHT_M, camera_arc, observed_joints, walker_joints
+from observed_walkers import HEIGHT_M, camera_arc, observed_joints
 
 from workbench.cameras.calibration import unit_of_people
 from workbench.cameras.calibration_findings import check_calibration, stand_upright
-from workbench.cameras.observed_joints import MIN_WEIGHT
 from workbench.cameras.overlay import AXES, LEFT, draw_overlay
-from workbench.cameras.triangulation import triangulate
 from workbench.utils.errors import InputError
 
 COLOURS = (255, 159, 28), (120, 255, 130)
@@ -27,14 +25,6 @@ def problems(observed, height_m=HEIGHT_M):
     """Return the messages of all problems as one text."""
     findings = check_calibration(observed, height_m).findings
     return " ".join(finding.message for finding in findings if finding.is_problem)
-
-
-def test_exact_keypoints_are_triangulated_to_the_joints_under_lens_distortion():
-    cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in camera_arc())
-    observed = observed_joints(cameras, sigma_px=0.0)
-    np.testing.assert_allclose(triangulate(cameras, observed.pixels(MIN_WEIGHT)), walker_joints(), atol=1e-5)
-    observed.keypoints[1:, 0, 3] = np.nan  # one camera is not enough
-    assert np.isnan(triangulate(cameras, observed.pixels(MIN_WEIGHT))[0, 3]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -57,12 +47,6 @@ def test_a_camera_without_detections_of_the_person_is_reported():
     assert "c1: the person in the other cameras is not found" in problems(observed)
     observed.searched[1] = False
     assert problems(observed) == ""
-
-
-def test_a_wrong_unit_of_length_is_reported():
-    cameras = tuple(replace(camera, translation=1.5 * camera.translation) for camera in camera_arc(3))
-    assert "2.5" in problems(observed_joints(cameras, camera_arc(3)), None)
-    assert "expected 1.70 m" in problems(observed_joints(cameras, camera_arc(3)))
 
 
 @pytest.mark.parametrize("n", [1, 3])

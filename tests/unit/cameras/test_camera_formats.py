@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from valid_files import write_storage
 
 from workbench.cameras import distortion
 from workbench.cameras.camera_file import load_cameras, load_lenses
@@ -16,15 +17,6 @@ DISTORTION = np.array([-0.1, 0.02, 0.001, -0.002, 0.003])
 RVEC, TVEC = np.array([1.2, -0.4, 0.3]), np.array([0.1, 0.2, 3.0])
 TURN, SHIFT = cv2.Rodrigues(np.array([0.02, 0.3, -0.01]))[0], np.array([-0.25, 0.01, 0.02])
 POSE = {"rvec": RVEC, "tvec": TVEC}
-
-
-def write_storage(path, **values):
-    """Write values as OpenCV does; return the path."""
-    storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
-    for key, value in values.items():
-        storage.write(key, value)
-    storage.release()
-    return path
 
 
 def write_opencv(path, matrix="camera_matrix", distortion="distortion_coefficients", coefficients=DISTORTION, **values):

@@ -10,6 +10,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from valid_files import write_storage
 
 from workbench.cameras.calibration import fitted, in_units, read_calibration
 from workbench.cameras.camera import Camera
@@ -74,14 +75,6 @@ def vicon(path, cameras, radial='VICON_RADIAL="0 0"'):
     path.write_text(f'<?xml version="1.0" encoding="UTF-8" standalone="no" ?><Cameras VERSION="1.0">{text}</Cameras>')
 
 
-def written(path, **values):
-    """Write values as OpenCV does."""
-    storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
-    for key, value in values.items():
-        storage.write(key, value)
-    storage.release()
-
-
 def easymocap(path, cameras, sizes=True):
     """Write intri.yml and extri.yml."""
     lenses, poses = {}, {}
@@ -92,7 +85,7 @@ def easymocap(path, cameras, sizes=True):
         poses |= {f"T_{each.name}": each.translation[:, None]}
     names = "names:\n" + "".join(f'   - "{each.name}"\n' for each in cameras)
     for name, values in (("intri.yml", lenses), ("extri.yml", poses)):
-        written(path.with_name(name), **values)
+        write_storage(path.with_name(name), **values)
         text = path.with_name(name).read_text()
         path.with_name(name).write_text(text.replace("---\n", f"---\n{names}", 1))
 
@@ -101,9 +94,9 @@ def opencv_pair(path, cameras):
     first, second = cameras
     lenses = {"M1": first.matrix, "D1": first.distortion, "M2": second.matrix, "D2": second.distortion}
     turn = second.rotation @ first.rotation.T
-    written(path.with_name("intrinsics.yml"), **lenses)
+    write_storage(path.with_name("intrinsics.yml"), **lenses)
     poses = {"R": turn, "T": second.translation - turn @ first.translation, "R1": np.eye(3), "Q": np.eye(4)}
-    written(path.with_name("extrinsics.yml"), **poses)
+    write_storage(path.with_name("extrinsics.yml"), **poses)
 
 
 def toml(path, cameras, table="{}", extra=""):
@@ -310,10 +303,7 @@ def test_the_unit_of_the_format_can_be_overridden(tmp_path):
 
 @pytest.mark.parametrize(
     ("radial", "centre", "terms"),
-    [
-        ("VICON_RADIAL", (322.5, 238.25), (4e-7, -3e-13, 0.0)),
-        ("VICON_RADIAL2", (320.0, 241.0), (4e-7, -3e-13, 1e-19)),
-    ],
+    [("VICON_RADIAL", (322.5, 238.25), (4e-7, -3e-13, 0.0)), ("VICON_RADIAL2", (320.0, 241.0), (4e-7, -3e-13, 1e-19))],
 )
 def test_vicons_lens_removes_distortion_by_a_polynomial_of_pixels(tmp_path, radial, centre, terms):
     """The distance from the centre has the scale of x; 4e-7 / px² moves the corners by up to 21 px."""

@@ -218,12 +218,13 @@ def test_only_detections_of_an_upright_person_from_head_to_feet_are_evidence():
 
 
 @pytest.mark.parametrize(("n_upright", "n_segments"), [(2, 10), (3, 3)])
-def test_a_posture_is_unknown_with_fewer_than_three_upright_frames(n_upright, n_segments):
+def test_posture_and_inclination_are_unknown_with_fewer_than_three_upright_frames(n_upright, n_segments):
     names = ["upright"] * n_upright + ["sitting"] * (10 - n_upright)
     _, detections = detected(np.random.default_rng(8), names, near_m=6.0)
     segments = detected_segments(*detections)
     assert len(segments.frames) == n_segments
     assert segments.posture_spread == pytest.approx(0.02 if n_upright == 3 else 0.15)
+    assert np.isfinite(segments.inclination) == (n_upright == 3)
 
 
 @pytest.mark.parametrize("tilt_deg", [-3.0, 5.0, 15.0])
@@ -233,13 +234,6 @@ def test_upright_landmarks_measure_the_inclination(tilt_deg):
     segments = detected_segments(*detections)
     below = np.degrees(np.arctan((segments.middle[1] - camera.matrix[1, 2]) / camera.matrix[1, 1]))
     assert np.degrees(segments.inclination) == pytest.approx(tilt_deg + below, abs=2.0)
-
-
-@pytest.mark.parametrize(("n_upright", "is_measured"), [(2, False), (3, True)])
-def test_the_inclination_needs_three_upright_frames(n_upright, is_measured):
-    names = ["upright"] * n_upright + ["sitting"] * 7
-    _, detections = detected(np.random.default_rng(8), names, near_m=6.0)
-    assert np.isfinite(detected_segments(*detections).inclination) == is_measured
 
 
 def test_landmarks_measure_a_tilt_that_segments_of_one_distance_do_not():

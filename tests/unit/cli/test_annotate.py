@@ -1,19 +1,7 @@
 """`workbench annotate` prints the address of its page, serves it, and counts the annotations."""
 
-import cv2
-import numpy as np
-import pytest
-
 from workbench.cli import annotate
 from workbench.cli.main import main
-
-
-@pytest.fixture
-def images(tmp_path):
-    (tmp_path / "images").mkdir()
-    for t in range(3):
-        cv2.imwrite(str(tmp_path / "images" / f"{t}.png"), np.full((48, 64, 3), 9, np.uint8))
-    return tmp_path / "images"
 
 
 def test_the_page_is_opened_and_annotations_are_counted(images, tmp_path, monkeypatch, capsys):

@@ -1,6 +1,5 @@
 """`workbench detect` rejects unreadable videos before it downloads a model, and writes one folder per video."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -8,14 +7,6 @@ from workbench.cli import detect
 from workbench.cli.main import main
 from workbench.detections.detector import detection_files
 from workbench.detections.detector.landmark_network import PersonLandmarks
-
-
-@pytest.fixture
-def images(tmp_path):
-    (tmp_path / "images").mkdir()
-    for t in range(3):
-        cv2.imwrite(str(tmp_path / "images" / f"{t}.png"), np.full((48, 64, 3), 9, np.uint8))
-    return tmp_path / "images"
 
 
 @pytest.fixture

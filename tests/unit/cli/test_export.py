@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, steps
+from recorded import record
+from recording_steps import BODY, SPACE, steps, without_images
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES
@@ -26,13 +27,6 @@ def recorder(path):
     return Recorder(path, BODY, SPACE, run_id=path.name, config_yaml="", provenance={})
 
 
-def record(path, run):
-    with recorder(path) as recording:
-        for step in run:
-            recording.log(step, {})
-    return path
-
-
 def without_truth(step):
     return replace(step, frame=replace(step.frame, truth=None))
 
@@ -40,7 +34,7 @@ def without_truth(step):
 @pytest.fixture(scope="module")
 def run():
     """Steps without images, which no export reads."""
-    return [replace(step, frame=replace(step.frame, views=())) for step in steps(N, n_particles=20)]
+    return without_images(steps(N, n_particles=20))
 
 
 @pytest.fixture(scope="module")
@@ -116,17 +110,14 @@ HIDDEN = ("right_elbow", "right_wrist")
 
 def with_keypoints(path, likelihood):
     """Record steps that show no joint of HIDDEN: the wrist's keypoints lie outside the image or have a low weight."""
-    config = f"likelihood: {{_target_: {likelihood}}}\n"
-    with Recorder(path, BODY, SPACE, run_id=path.name, config_yaml=config, provenance={}) as recording:
-        for step in steps(4, n_particles=20):
-            (view,) = step.frame.views
-            keypoints = np.column_stack([view.camera.project(step.frame.truth.joints), np.ones(15)])
-            keypoints[JOINT_NAMES.index("right_elbow")] = np.nan
-            keypoints[JOINT_NAMES.index("right_wrist")] = (
-                [-5.0, 100.0, 1.0] if step.frame.index < 12 else [9.0, 9.0, 0.1]
-            )
-            recording.log(replace(step, frame=replace(step.frame, views=(replace(view, keypoints=keypoints),))), {})
-    return path
+    run = []
+    for step in steps(4, n_particles=20):
+        (view,) = step.frame.views
+        keypoints = np.column_stack([view.camera.project(step.frame.truth.joints), np.ones(15)])
+        keypoints[JOINT_NAMES.index("right_elbow")] = np.nan
+        keypoints[JOINT_NAMES.index("right_wrist")] = [-5.0, 100.0, 1.0] if step.frame.index < 12 else [9.0, 9.0, 0.1]
+        run.append(replace(step, frame=replace(step.frame, views=(replace(view, keypoints=keypoints),))))
+    return record(path, run, config_yaml=f"likelihood: {{_target_: {likelihood}}}\n")
 
 
 def test_joints_without_keypoints_are_exported_as_missing(tmp_path, caplog):

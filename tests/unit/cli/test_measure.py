@@ -1,10 +1,9 @@
 """`workbench measure` writes tables and a page of recorded motion, says what it leaves out, and rejects other input."""
 
-from html.parser import HTMLParser
-
 import numpy as np
 import pandas as pd
 import pytest
+from html_page import Page
 from walking_scenes import HEIGHT_M, Scene, on_treadmill, record, scene, standing
 
 from workbench.body.limbs import person_with_feet
@@ -50,30 +49,6 @@ def measured(tmp_path, capsys):
         return output.out, tables[0].set_index(["measure", "side"]), tables[1]
 
     return run
-
-
-class Page(HTMLParser):
-    """Tags and text of a page; every tag but void ones is closed."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.tags, self.text = [], [], ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text += data
 
 
 def test_a_walk_has_its_parameters_with_intervals(measured):

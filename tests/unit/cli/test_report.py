@@ -5,12 +5,11 @@ import csv
 import json
 import re
 import shutil
-from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, errors, steps
+from html_page import Page
+from recording_steps import BODY, SPACE, errors, steps, without_images
 
 from workbench.body.kinematics import joints
 from workbench.cli.main import main
@@ -25,10 +24,6 @@ PLOTS = ["coverage_90", "error_against_particles", "error_against_time", "error_
 def config(prior, n, seed):
     inference = {"n_particles": n}
     return json.dumps({"prior": {"_target_": f"workbench.priors.{prior}"}, "inference": inference, "seed": seed})
-
-
-def without_images(run):
-    return [replace(step, frame=replace(step.frame, views=())) for step in run]
 
 
 def record(folder, run, prior="walking", n=100, seed=0, error=10.0, exception=None):
@@ -74,21 +69,6 @@ def written(sweep, tmp_path_factory):
         patch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set())
         assert main(["report", str(sweep), "-o", str(folder)]) == 0
     return folder
-
-
-class Page(HTMLParser):
-    """All tags with their attributes, and the text of a page."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.tags, self.text = [], ""
-        self.feed(page)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_data(self, data):
-        self.text += data
 
 
 def rows_of(path):

@@ -122,20 +122,7 @@ def test_with_each_every_video_has_its_own_run_and_complete_runs_are_skipped(vid
     assert [run.settings["dataset"]["source"] for run in runs] == [str(video), str(second)]
     assert all((tmp_path / "out" / job / "person.bvh").is_file() for job in ("0", "1"))
     before = (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns
-    assert (
-        main(
-            [
-                "track",
-                str(video),
-                str(second),
-                *options,
-                *keys,
-                "dataset.n_frames=4",
-                f"sweep.resume={tmp_path / 'out'}",
-            ]
-        )
-        == 0
-    )
+    assert main(["track", *videos, *options, *keys, f"sweep.resume={tmp_path / 'out'}"]) == 0
     assert (tmp_path / "out" / "0" / "run.rrd").stat().st_mtime_ns == before
 
 

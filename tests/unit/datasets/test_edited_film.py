@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from openpose_scenes import points, standing, write
+from video_files import camera_table
 
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
@@ -11,11 +12,7 @@ from workbench.datasets.video import Video
 N = 12
 """Images of a part."""
 WIDTH, HEIGHT = 400, 300
-LENS = "matrix = [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]]\ndistortions = [0.0, 0.0, 0.0, 0.0]"
-CAMERAS = "".join(
-    f"[{name}]\nsize = [{WIDTH}, {HEIGHT}]\n{LENS}\nrotation = [1.57, 0.0, 0.0]\ntranslation = [{x}, 1.0, 4.0]\n\n"
-    for name, x in (("left", 0.0), ("right", 0.8))
-)
+CAMERAS = "".join(camera_table(name, (WIDTH, HEIGHT), 500.0, x_m) for name, x_m in (("left", 0.0), ("right", 0.8)))
 
 
 def images(folder, seeds):

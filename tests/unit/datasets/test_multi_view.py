@@ -4,27 +4,14 @@ import cv2
 import numpy as np
 import pytest
 from openpose_scenes import points, standing, write
+from video_files import camera_table
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.multi_view import MultiView
 from workbench.motion.formats.motion_export import trc_text
 from workbench.utils.errors import InputError
 
-CAMERAS = """
-[left]
-size = [400, 300]
-matrix = [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = [1.57, 0.0, 0.0]
-translation = [0.0, 1.0, 4.0]
-
-[right]
-size = [400, 300]
-matrix = [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = [1.57, 0.0, 0.0]
-translation = [0.8, 1.0, 4.0]
-"""
+CAMERAS = "".join(camera_table(name, (400, 300), 500.0, x_m) for name, x_m in (("left", 0.0), ("right", 0.8)))
 """A point at a depth of 8 m is 50 pixels farther to the right in the second camera."""
 LENGTHS = {"left": 6, "right": 5}
 

@@ -11,15 +11,7 @@ from hypothesis.extra import numpy as numbers
 
 from workbench.datasets import point_formats
 from workbench.datasets.point_files import PointFiles
-from workbench.datasets.point_formats import (
-    READERS,
-    read_csv,
-    read_hdf5,
-    read_npy,
-    read_npz,
-    read_pcd,
-    read_ply,
-)
+from workbench.datasets.point_formats import READERS, read_csv, read_hdf5, read_npy, read_npz, read_pcd, read_ply
 from workbench.motion.library import write_library
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.utils.errors import InputError

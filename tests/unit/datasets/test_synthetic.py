@@ -176,4 +176,3 @@ def test_keypoints_are_the_true_joints_with_noise_and_gaps():
     assert detected.mean() == pytest.approx(0.9, abs=0.04)
     assert errors[detected].std() == pytest.approx(2.0, abs=0.15)
     assert np.all(keypoints[detected, 2] == 1.0)
-    assert scene()._key() == scene(keypoint_sigma_px=2.0)._key()

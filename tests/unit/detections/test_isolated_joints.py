@@ -17,6 +17,13 @@ FRAMES = np.arange(N)
 WRIST = JOINT_NAMES.index("left_wrist")
 
 
+def standing_walker(away_px=0.0):
+    """Return joints (1, N, J, 3) of a person who stands still, whose left wrist is away in one frame."""
+    joints = np.repeat(walker()[:, :1], N, axis=1)
+    joints[0, 7, WRIST, 0] += away_px
+    return joints
+
+
 def walker():
     """Return a walker's joints (1, N, J, 3) in one camera."""
     (camera,) = camera_arc(1)
@@ -30,31 +37,28 @@ def test_a_walk_has_no_isolated_joints():
 
 @pytest.mark.parametrize(("away", "is_isolated"), [(0.48, False), (0.52, True)])
 def test_a_joint_is_isolated_from_half_the_height_on(away, is_isolated):
-    joints = np.repeat(walker()[:, :1], N, axis=1)
-    joints[0, 7, WRIST, 0] += away * height_px(joints[0, 0, :, :2])
-    isolated = isolated_joints(joints, FRAMES, RATE_HZ)
+    isolated = isolated_joints(standing_walker(away * height_px(walker()[0, 0, :, :2])), FRAMES, RATE_HZ)
     assert isolated[0, 7, WRIST] == is_isolated
     assert isolated.sum() == is_isolated
 
 
-@pytest.mark.parametrize(("rate_hz", "is_isolated"), [(9.9, False), (10.0, True)])
-def test_slow_frames_have_no_neighbours(rate_hz, is_isolated):
-    joints = np.repeat(walker()[:, :1], N, axis=1)
-    joints[0, 7, WRIST, 0] += 1000.0
-    assert isolated_joints(joints, FRAMES, rate_hz).any() == is_isolated
+@pytest.mark.parametrize(
+    ("rate_hz", "step", "is_isolated"), [(9.9, 1, False), (10.0, 1, True), (RATE_HZ, 3, True), (RATE_HZ, 10, False)]
+)
+def test_frames_far_apart_are_no_neighbours(rate_hz, step, is_isolated):
+    assert isolated_joints(standing_walker(1000.0), step * FRAMES, rate_hz).any() == is_isolated
 
 
 @pytest.mark.parametrize(("n_missing", "is_isolated"), [(4, True), (5, False)])
 def test_three_places_determine_a_path(n_missing, is_isolated):
     """At 30 Hz the window is of seven frames."""
-    joints = np.repeat(walker()[:, :1], N, axis=1)
-    joints[0, 7, WRIST, 0] += 1000.0
+    joints = standing_walker(1000.0)
     joints[0, [4, 5, 6, 8, 9][:n_missing], WRIST] = np.nan
     assert isolated_joints(joints, FRAMES, RATE_HZ)[0, 7, WRIST] == is_isolated
 
 
 def test_exchanged_labels_of_spread_arms_are_not_removed():
-    joints = np.repeat(walker()[:, :1], N, axis=1)
+    joints = standing_walker()
     left, right = WRIST, JOINT_NAMES.index("right_wrist")
     height = height_px(joints[0, 0, :, :2])
     joints[0, :, left, 0], joints[0, :, right, 0] = 500.0 + 0.5 * height, 500.0 - 0.5 * height
@@ -62,14 +66,8 @@ def test_exchanged_labels_of_spread_arms_are_not_removed():
     assert not isolated_joints(joints, FRAMES, RATE_HZ).any()
 
 
-def test_frames_far_apart_are_no_neighbours():
-    joints = np.repeat(walker()[:, :1], N, axis=1)
-    joints[0, 7, WRIST, 0] += 1000.0
-    assert not isolated_joints(joints, 10 * FRAMES, RATE_HZ).any()
-
-
 def test_a_person_who_jumps_for_good_is_not_removed():
-    joints = np.repeat(walker()[:, :1], N, axis=1)
+    joints = standing_walker()
     joints[0, 10:, :, 0] += 1000.0
     assert not isolated_joints(joints, FRAMES, RATE_HZ)[0, 3:-3].any()
 

@@ -56,19 +56,6 @@ def test_annotations_are_read_in_any_order_of_columns(path, annotations, columns
     assert read.at(10**6 + 1) is None
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
-@given(st.one_of(st.binary(max_size=200), st.text(max_size=200).map(lambda t: (HEADER + t).encode())))
-def test_arbitrary_bytes_are_read_or_rejected(path, text):
-    path.write_bytes(text)
-    message = ""
-    try:
-        read = read_annotations(path)
-        assert len(read.frames) > 0
-    except InputError as error:
-        message = str(error)
-    assert message == "" or str(path) in message
-
-
 @pytest.mark.parametrize(
     ("text", "line", "words"),
     [

@@ -71,11 +71,6 @@ def test_view_and_occlusion_are_drawn_for_every_clip_and_seed(lists):
     assert set(drawn) == {0.0, 90.0, 180.0, 270.0, True}
 
 
-def test_the_performer_or_the_whole_data_set_is_excluded():
-    assert list(run("02_05").prior.exclude) == ["02"]
-    assert list(run("dataset-2_run_elderly_026").prior.exclude) == ["bandai-2"]
-
-
 @pytest.mark.parametrize(
     ("value", "excluded"), [("[${dataset.motion}]", ["02_05"]), ("${performers:${dataset.motion}}", ["02"])]
 )

@@ -97,8 +97,7 @@ def test_places_and_resources_do_not_change_the_identity(changes):
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"seed": 1}, {"dataset__n_frames": 6}, {"dataset__motion": "35_02"}, {"prior__sigma": [0.2, 0.1]}],
+    "changes", [{"seed": 1}, {"dataset__n_frames": 6}, {"dataset__motion": "35_02"}, {"prior__sigma": [0.2, 0.1]}]
 )
 def test_settings_change_the_identity(changes):
     assert identity(config(**changes)) != identity(config())

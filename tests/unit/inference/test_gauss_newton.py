@@ -4,16 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from linear_gaussian import (
-    MEAN0,
-    LinearPrior,
-    Position,
-    assert_agree,
-    frames,
-    last_moments,
-    simulate,
-    streams,
-)
+from linear_gaussian import MEAN0, LinearPrior, Position, assert_agree, frames, last_moments, simulate, streams
 
 from workbench.core.state_space import StateSpace
 from workbench.inference.smc.bootstrap import Bootstrap

@@ -157,10 +157,7 @@ def windows():
 def test_wrappers_sample_the_windows_of_an_implicit_base_given_the_pose(windows, wrapped):
     """Full steps, and steps whose windows are sampled again given the pose, have the same first and second moments."""
     base = Implicit(windows, beta=0.5, sigma_angles=0.1)
-    prior = {
-        "ar_offsets": AROffsets(base, sigma=0.05),
-        "fitted_rest": FittedRest(base, lambda: TRAJECTORY),
-    }[wrapped]
+    prior = {"ar_offsets": AROffsets(base, sigma=0.05), "fitted_rest": FittedRest(base, lambda: TRAJECTORY)}[wrapped]
     density, dt_s = prior.capabilities.density, 1 / 30
     parent = prior.sample_initial(builtin_motions()[0].resampled(30.0).poses[0], 1, np.random.default_rng(0))
     n = N // 4

@@ -7,21 +7,8 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare, norm
 
 from tests.oracles import implicit as oracle
-from workbench.priors.implicit_search import (
-    LANES,
-    exact_log_prob,
-    kd_tree,
-    search,
-    search_distribution,
-)
-from workbench.priors.implicit_tree import (
-    draw,
-    fidelity,
-    log_proposal,
-    median_tree,
-    sign_tree,
-    total_variation,
-)
+from workbench.priors.implicit_search import LANES, exact_log_prob, kd_tree, search, search_distribution
+from workbench.priors.implicit_tree import draw, fidelity, log_proposal, median_tree, sign_tree, total_variation
 from workbench.utils.errors import InputError
 
 TREES = {"sign": sign_tree, "median": median_tree}

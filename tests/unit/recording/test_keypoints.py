@@ -4,20 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, steps
+from recorded import record
+from recording_steps import steps
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.recording.read.keypoints import keypoint_weights
-from workbench.recording.write.recorder import Recorder
 
 
-def record(path, keypoints):
-    """Record one step per array of keypoints (15, 3)."""
-    with Recorder(path, BODY, SPACE, run_id="keypoints", config_yaml="", provenance={}) as recorder:
-        for step, points in zip(steps(len(keypoints), n_particles=20), keypoints, strict=True):
-            view = replace(step.frame.views[0], keypoints=points)
-            recorder.log(replace(step, frame=replace(step.frame, views=(view,))), {})
-    return path
+def with_keypoints(keypoints):
+    """Yield one step per array of keypoints (15, 3)."""
+    for step, points in zip(steps(len(keypoints), n_particles=20), keypoints, strict=True):
+        view = replace(step.frame.views[0], keypoints=points)
+        yield replace(step, frame=replace(step.frame, views=(view,)))
 
 
 def test_the_weight_of_a_joint_is_the_largest_inside_the_image(tmp_path):
@@ -27,10 +25,10 @@ def test_the_weight_of_a_joint_is_the_largest_inside_the_image(tmp_path):
     keypoints[1, 3] = [639.0, 479.0, 0.4]
     keypoints[2, 4] = [-1.0, 20.0, 1.0]
     keypoints[0, 5] = [20.0, 480.5, 1.0]
-    weights = keypoint_weights(record(tmp_path / "run.rrd", keypoints))
+    weights = keypoint_weights(record(tmp_path / "run.rrd", with_keypoints(keypoints)))
     expected = {JOINT_NAMES[0]: 0.9, JOINT_NAMES[3]: 0.4, JOINT_NAMES[4]: 0.0, JOINT_NAMES[5]: 0.0}
     assert weights == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_recording_without_keypoints_has_no_weights(tmp_path):
-    assert keypoint_weights(record(tmp_path / "run.rrd", [None, None])) == {}
+    assert keypoint_weights(record(tmp_path / "run.rrd", with_keypoints([None, None]))) == {}

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import rerun as rr
 import rerun_cli
-from recording_steps import BODY, SPACE, errors, steps
+from recorded import record
+from recording_steps import BODY, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.recording.format import FORMAT, check_format
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import read
 from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
 
 
@@ -30,11 +30,7 @@ def run():
 def recorded(run, tmp_path_factory):
     path = tmp_path_factory.mktemp("reader") / "run.rrd"
     labels = {"config_yaml": "seed: 3\nprior: {sigma: 1.0e-05}", "provenance": {"seed": 3}}
-    with Recorder(path, BODY, SPACE, run_id="read", **labels) as recording:
-        for step in run:
-            recording.log(step, errors(step))
-        recording.set_result({"error_mm": 1.0})
-    return path
+    return record(path, run, errors, {"error_mm": 1.0}, run_id="read", **labels)
 
 
 def optimize(path, out):

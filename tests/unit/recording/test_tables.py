@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, errors, steps
+from recorded import record
+from recording_steps import BODY, errors, steps
 
 from workbench.recording.read.frame_tables import TABLES, data_frame
 from workbench.recording.read.reader import read
-from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
 
 N = 3
@@ -17,9 +17,7 @@ N = 3
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("tables") / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="x", config_yaml="seed: 3", provenance={"seed": 3}) as recording:
-        for step in steps(N, n_particles=20):
-            recording.log(step, errors(step))
+    record(path, steps(N, n_particles=20), errors, config_yaml="seed: 3", provenance={"seed": 3})
     return read(path.parent)  # by the run's folder
 
 

@@ -1,16 +1,14 @@
 """The video of a recording shows every image with the projected skeletons."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
-from recording_steps import BODY, CAMERA, SPACE, steps
+from recorded import record
+from recording_steps import BODY, CAMERA, steps, without_images
 
 from workbench.body.kinematics import joints
 from workbench.cli.main import main
 from workbench.recording.read.reader import read
-from workbench.recording.write.recorder import Recorder
 from workbench.results.overlay import _MIN_OPACITY, MIDDLE, PERSON_CHAINS, drawn, with_omitted_frames, write_overlay
 from workbench.results.pictures import Picture, camera_names, pictures
 from workbench.utils.errors import InputError
@@ -21,13 +19,9 @@ pytestmark = pytest.mark.usefixtures("trusted")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    path = tmp_path_factory.mktemp("overlay") / "run.rrd"
-    poses = []
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
-        for step in steps(N, n_particles=20):
-            recorder.log(step, {})
-            poses.append(step.expected_pose)
-    return read(path), joints(BODY.skeleton, np.stack(poses))
+    run = list(steps(N, n_particles=20))
+    path = record(tmp_path_factory.mktemp("overlay") / "run.rrd", run)
+    return read(path), joints(BODY.skeleton, np.stack([step.expected_pose for step in run]))
 
 
 def test_the_video_shows_every_frame_with_the_estimate(run, tmp_path, capsys):
@@ -72,20 +66,18 @@ def test_odd_image_sizes_are_cropped_and_lines_of_other_bodies_have_one_colour()
 
 
 def persons_lines():
-    """Return lines (5, 4, 2) of a person, each at another height of the image, and the names of their joints."""
+    """Return lines (5, 4, 2) of a person, each at another height of the image, and where the left ankle is in them."""
     names = [list(chain) for chain in PERSON_CHAINS]
     lines = np.array([[[20.0 + 20.0 * k, 20.0 + 20.0 * row] for k in range(4)] for row in range(len(names))])
     for row, chain in enumerate(names):
         for k in range(1, 4):
             if chain[k] == chain[k - 1]:
                 lines[row, k] = lines[row, k - 1]
-    return lines, names
+    return lines, next((row, chain.index("left_ankle")) for row, chain in enumerate(names) if "left_ankle" in chain)
 
 
 def test_limbs_are_fainter_the_less_confident_the_detector_is():
-    lines, names = persons_lines()
-    row = next(k for k, chain in enumerate(names) if "left_ankle" in chain)
-    k = names[row].index("left_ankle")
+    lines, (row, k) = persons_lines()
     u, v = lines[row, k - 1 : k + 1].mean(axis=0).astype(int)
     grey = []
     for weight in (1.0, 0.6, 0.0):
@@ -97,12 +89,10 @@ def test_limbs_are_fainter_the_less_confident_the_detector_is():
 
 @pytest.mark.parametrize("far", [np.nan, np.inf, 1e12])
 def test_limbs_without_a_place_in_the_image_are_omitted(far):
-    lines, names = persons_lines()
-    black = np.zeros((140, 120), np.uint8)
-    k = next(row for row, chain in enumerate(names) if "left_ankle" in chain)
-    lines[k, 1:] = far
-    image = drawn(Picture(0, black, {"estimate": lines}))
-    assert not image[15 + 20 * k : 25 + 20 * k].any()
+    lines, (row, _) = persons_lines()
+    lines[row, 1:] = far
+    image = drawn(Picture(0, np.zeros((140, 120), np.uint8), {"estimate": lines}))
+    assert not image[15 + 20 * row : 25 + 20 * row].any()
     assert image.any()
 
 
@@ -119,11 +109,8 @@ def test_lost_and_omitted_frames_have_a_red_frame():
 
 def test_frames_that_the_run_omits_come_from_the_source(mp4, tmp_path):
     """The source has FIRST frames before those of the run, and the recording has no images of them."""
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="dataset: {n_frames: null}", provenance={}) as recorder:
-        for step in steps(N, n_particles=20):
-            recorder.log(step, {})
-    recorded = read(path)
+    run = steps(N, n_particles=20)
+    recorded = read(record(tmp_path / "run.rrd", run, config_yaml="dataset: {n_frames: null}"))
     n, _ = write_overlay(recorded, tmp_path / "overlay.mp4", source=mp4)
     assert n == FIRST + N
     shown = list(with_omitted_frames(pictures(recorded), recorded, mp4))
@@ -150,10 +137,7 @@ def test_reduced_pictures_have_skeletons_at_the_same_places(fraction, run):
 
 
 def test_a_recording_without_images_has_no_video(tmp_path, capsys):
-    path = tmp_path / "run.rrd"
-    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
-        for step in steps(2, n_particles=20):
-            recorder.log(replace(step, frame=replace(step.frame, views=())), {})
+    path = record(tmp_path / "run.rrd", without_images(steps(2, n_particles=20)))
     assert main(["export", str(path), "-o", str(tmp_path / "overlay.mp4")]) == 2
     assert "expected images, found none" in capsys.readouterr().err
     assert not (tmp_path / "overlay.mp4").exists()
@@ -171,11 +155,7 @@ def mp4(tmp_path_factory):
 
 
 def test_pictures_of_a_recorded_video_are_its_frames(mp4, tmp_path):
-    path, labels = tmp_path / "run.rrd", {"run_id": "run", "config_yaml": "", "provenance": {}}
-    with Recorder(path, BODY, SPACE, **labels, video=True, source_video=mp4) as recorder:
-        for step in steps(N, n_particles=20):
-            recorder.log(step, {})
-    recorded = read(path)
+    recorded = read(record(tmp_path / "run.rrd", steps(N, n_particles=20), video=True, source_video=mp4))
     numbers = recorded.poses[0].tolist()
     assert numbers == list(range(FIRST, FIRST + N))
     for frames in (numbers, numbers[2:4]):
@@ -185,20 +165,17 @@ def test_pictures_of_a_recorded_video_are_its_frames(mp4, tmp_path):
 
 
 def test_a_dataset_without_a_readable_video_is_rejected(tmp_path):
-    labels = {"run_id": "run", "config_yaml": "", "provenance": {}}
     with pytest.raises(InputError, match="expected a dataset of one MP4 video"):
-        Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True)
+        record(tmp_path / "run.rrd", [], video=True)
     (other := tmp_path / "other.mp4").write_bytes(b"no video")
     with pytest.raises(InputError, match=r"other\.mp4: expected a video that Rerun reads"):
-        Recorder(tmp_path / "run.rrd", BODY, SPACE, **labels, video=True, source_video=other)
+        record(tmp_path / "run.rrd", [], video=True, source_video=other)
     assert not any(tmp_path.glob("run.rrd*"))
 
 
 def test_limbs_with_a_hidden_end_are_not_drawn():
-    lines, names = persons_lines()
-    row = next(k for k, chain in enumerate(names) if "left_ankle" in chain)
+    lines, (row, k) = persons_lines()
     picture = Picture(0, np.zeros((140, 120), np.uint8), {"estimate": lines})
-    k = names[row].index("left_ankle")
     (u, v), (u_thigh, v_thigh) = (lines[row, at - 1 : at + 1].mean(axis=0).astype(int) for at in (k, k - 1))
     image = drawn(picture, hidden={"left_ankle"})
     assert not image[v, u].any()

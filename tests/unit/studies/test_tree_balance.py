@@ -7,12 +7,7 @@ from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_tree import sign_tree
-from workbench.studies.tree_balance import (
-    TreeBalance,
-    balance,
-    by_size,
-    node_sizes,
-)
+from workbench.studies.tree_balance import TreeBalance, balance, by_size, node_sizes
 
 
 @pytest.fixture(scope="module")

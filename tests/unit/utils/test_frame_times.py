@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from video_files import video, with_durations
+from video_files import camera_table, video, with_durations
 
 from workbench.datasets.video import Video
 from workbench.utils.decode import declared_frames, frames_lost, timestamps
@@ -14,14 +14,6 @@ from workbench.utils.frame_times import FrameTimes, frame_times, given_times, is
 N = 24
 DURATIONS = [1.0] * 14 + [2.0] * 10
 UNEVEN_S = np.concatenate([[0.0], np.cumsum(DURATIONS)[:-1]]) / 30.0
-CALIBRATION = """
-[cam]
-size = [160, 120]
-matrix = [[200.0, 0.0, 79.5], [0.0, 200.0, 59.5], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = [1.57, 0.0, 0.0]
-translation = [0.0, 1.0, 4.0]
-"""
 
 
 @pytest.mark.parametrize("rate_hz", [24.0, 29.97, 30.0, 59.94, 120.0])
@@ -35,7 +27,7 @@ def test_times_of_a_constant_rate_are_exactly_the_index_over_the_rate(tmp_path, 
 
 def test_times_of_a_variable_rate_are_the_timestamps(tmp_path, caplog):
     path = with_durations(video(tmp_path / "a.mp4", N, 30.0), DURATIONS)
-    (tmp_path / "calibration.toml").write_text(CALIBRATION)
+    (tmp_path / "calibration.toml").write_text(camera_table("cam", (160, 120), 200.0))
     assert timestamps(path, 5) == pytest.approx(UNEVEN_S[:5])
     dataset = Video(str(path), str(tmp_path / "calibration.toml"), first_frame=10)
     frames = list(dataset.frames())

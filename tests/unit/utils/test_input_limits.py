@@ -10,14 +10,7 @@ from workbench.motion import sources
 from workbench.motion.synthetic.gait import subjects, walker
 from workbench.utils import input_limits
 from workbench.utils.errors import LONGEST, InputError
-from workbench.utils.input_limits import (
-    LONGEST_LIMB_M,
-    MAX_COUNT,
-    check_file,
-    check_rate,
-    check_sizes,
-    parse_json,
-)
+from workbench.utils.input_limits import LONGEST_LIMB_M, MAX_COUNT, check_file, check_rate, check_sizes, parse_json
 
 
 def refusal(check, *arguments, **keys):

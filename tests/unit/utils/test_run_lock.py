@@ -34,10 +34,7 @@ def holder(folder):
 def test_a_second_process_is_rejected_until_the_first_is_killed(tmp_path):
     with holder(tmp_path) as process:
         assert is_locked(tmp_path)
-        with (
-            pytest.raises(InputError, match=f"process {process.pid} on .* uses this folder"),
-            locked(tmp_path),
-        ):
+        with pytest.raises(InputError, match=f"process {process.pid} on .* uses this folder"), locked(tmp_path):
             pass
         process.send_signal(signal.SIGKILL)
         process.wait()

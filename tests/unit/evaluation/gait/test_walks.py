@@ -136,10 +136,6 @@ def test_two_strides_are_enough_and_less_than_one_is_none():
     assert motion.frames(slice(0, 2)).walk() is None
 
 
-def test_a_person_who_stands_takes_no_steps():
-    assert standing(5.0).walk() is None
-
-
 @pytest.mark.parametrize(("part", "n_strikes"), [(0.8, 0), (1.2, 4)])
 def test_steps_need_feet_that_move_apart(part, n_strikes):
     """Feet that swing in turn, by MIN_SEPARATION of the height or a little less or more."""

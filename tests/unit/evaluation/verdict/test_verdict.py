@@ -14,16 +14,7 @@ from workbench.cameras.observed_joints import ObservedJoints
 from workbench.cameras.triangulation import triangulate
 from workbench.evaluation.errors.track_loss import TRACKED_MM, track_metrics
 from workbench.evaluation.verdict.run_verdict import Verdict
-from workbench.utils.finding import (
-    DOUBTFUL,
-    NOT_USABLE,
-    NOTE,
-    TRUSTWORTHY,
-    Finding,
-    conclusion,
-    level_of,
-    problems,
-)
+from workbench.utils.finding import DOUBTFUL, NOT_USABLE, NOTE, TRUSTWORTHY, Finding, conclusion, level_of, problems
 
 LATE = np.arange(N) >= 20
 INPUTS = RunInputs(height_m=HEIGHT_M, rate_hz=RATE_HZ)

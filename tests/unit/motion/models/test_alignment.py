@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from workbench.motion.models.cycle_alignment import (
-    N_PHASES,
-    align,
-    fit_periodic,
-    periodic_basis,
-)
+from workbench.motion.models.cycle_alignment import N_PHASES, align, fit_periodic, periodic_basis
 from workbench.motion.models.imputation import impute
 
 M = 5

@@ -7,11 +7,7 @@ import pytest
 
 from workbench.body.kinematics import axis_rotations
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
-from workbench.motion.models.windows import (
-    advance,
-    learn_windows,
-    pose_rows,
-)
+from workbench.motion.models.windows import advance, learn_windows, pose_rows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 

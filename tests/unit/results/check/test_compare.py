@@ -5,7 +5,8 @@ from itertools import count
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, errors, steps
+import recorded
+from recording_steps import BODY, errors, steps, without_images
 from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, StudyResult
@@ -14,7 +15,6 @@ from workbench.recording.read.reader import read
 from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write import file
 from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.recorder import Recorder
 from workbench.results.check.agreement import Agreement, MetricChange, Tolerance, agreement
 from workbench.results.check.compare import compare, demand_on, same_environment
 from workbench.results.check.outcome import Check, exit_code, has_moved, moved, table
@@ -28,8 +28,7 @@ RESULT = {"error_mm": 40.0, "frames": 4.0}
 
 @pytest.fixture(scope="module")
 def tracked():
-    """Steps without images."""
-    return [replace(step, frame=replace(step.frame, views=())) for step in steps(4, n_particles=30)]
+    return without_images(steps(4, n_particles=30))
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +38,9 @@ def record(tmp_path_factory, tracked):
 
     def record_run(run=tracked, result=RESULT, environment=SAME, metrics=errors, **provenance):
         path = folder / f"{next(numbers)}.rrd"
-        labels = {"config_yaml": "", "provenance": {"seed": 0, **provenance}}
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(file, "environment", lambda: environment)
-            with Recorder(path, BODY, SPACE, run_id=path.name, **labels) as recording:
-                for step in run:
-                    recording.log(step, metrics(step))
-                recording.set_result(result)
-        return read(path)
+            return read(recorded.record(path, run, metrics, result, provenance={"seed": 0, **provenance}))
 
     return record_run
 

@@ -1,15 +1,14 @@
 """Paired tests: their level for unchanged code, and their power for the reported smallest change."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
-from recording_steps import BODY, SPACE, errors, steps
+import recorded
+from recording_steps import errors, steps, without_images
 from scipy import stats
 
 from workbench.recording.read.reader import read
-from workbench.recording.write.recorder import Recorder
 from workbench.results.check.seeds import compare_paired, differences, energy_test, holm, p_of_mean, paired_interval
 
 
@@ -89,14 +88,12 @@ def test_the_energy_test_detects_a_larger_spread_of_equal_mean():
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
     folder = tmp_path_factory.mktemp("paired")
-    run = [replace(step, frame=replace(step.frame, views=())) for step in steps(6, n_particles=20)]
+    run = without_images(steps(6, n_particles=20))
 
     def record_run(name, error):
-        with Recorder(folder / f"{name}.rrd", BODY, SPACE, run_id=name, config_yaml="", provenance={}) as recording:
-            for step in run:
-                recording.log(step, {**errors(step), "mpjpe_abs_mm": error})
-            recording.set_result({"mpjpe_abs_mm": error, "n_frames": 6.0})
-        return read(folder / f"{name}.rrd")
+        result = {"mpjpe_abs_mm": error, "n_frames": 6.0}
+        path = folder / f"{name}.rrd"
+        return read(recorded.record(path, run, lambda step: {**errors(step), "mpjpe_abs_mm": error}, result))
 
     return record_run
 
