@@ -321,3 +321,9 @@ def test_a_folder_with_a_link_that_leaves_the_data_is_refused(folders, current):
     assert "outside paths.data" in refused("")
     assert not refused("inside")
     assert not refused("inside/walk.bvh")
+
+
+def test_a_path_as_the_key_of_a_mapping_is_refused():
+    node = {"_target_": "workbench.datasets.points.Points", "motion": {"/etc/walk.bvh": "a"}}
+    message = refusal(runnable_config, run_with(yaml.safe_dump({"seed": 3, "dataset": node})), [], defaults())
+    assert message.startswith("a.rrd: dataset.motion./etc/walk.bvh: '/etc/walk.bvh' is outside paths.data")

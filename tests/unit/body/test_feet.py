@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workbench.body.angles import swap_left_right
-from workbench.body.kinematics import forward, joints
+from workbench.body.kinematics import forward, joint_jacobian, joints
 from workbench.body.limbs import person, person_on, person_with_feet
 from workbench.body.shape import ANKLE_HEIGHT, FOOT_LENGTH, from_height
 from workbench.body.skeleton import (
@@ -89,3 +89,10 @@ def test_an_unknown_skeleton_is_rejected():
     assert len(person_on("feet", from_height(TALL)).skeleton.names) == 21
     with pytest.raises(InputError, match="skeleton must be one of person, feet, found 'foot'"):
         person_on("foot", from_height(TALL))
+
+
+def test_the_jacobian_agrees_with_finite_differences():
+    pose = np.random.default_rng(0).uniform(-1.0, 1.0, (1, 27))
+    steps = 1e-6 * np.eye(27)
+    expected = np.stack([(joints(FEET, pose + step) - joints(FEET, pose - step))[0] / 2e-6 for step in steps], axis=-1)
+    np.testing.assert_allclose(joint_jacobian(FEET, pose)[0], expected, atol=1e-8)

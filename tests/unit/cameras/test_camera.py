@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from workbench.cameras.camera import Camera, plain_camera
 from workbench.cameras.camera_file import load_cameras
+from workbench.cameras.triangulation import ray_distances
 from workbench.utils.errors import InputError
 
 GOOD = """
@@ -150,3 +151,13 @@ def test_missing_and_empty_camera_files_are_rejected(tmp_path):
     (tmp_path / "empty.toml").write_text("[metadata]\n")
     with pytest.raises(InputError, match="found none"):
         load_cameras(tmp_path / "empty.toml")
+
+
+def test_the_distance_of_two_rays_is_that_of_their_lines():
+    across, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    slanted = np.array([0.0, 0.6, 0.8])
+    a = np.array([across, across, across, [np.nan] * 3])
+    b = np.array([up, slanted, across, up])
+    distances = ray_distances(a, b, np.array([5.0, 2.0, 1.0]))
+    # along y for the first; along (0, -0.8, 0.6) for the second; parallel; missing
+    np.testing.assert_allclose(distances, [2.0, 1.0, np.nan, np.nan], rtol=1e-12)
