@@ -150,19 +150,26 @@ def _export(folder: Path, source: Path | None, motion: bool) -> None:
     overlays = _overlays(camera_names(run))
     for camera, name in overlays.items():
         write_overlay(run, folder / name, camera, source=source, max_side_px=MAX_SIDE_PX)
-    names = _EXPORTS if motion else ()
-    if motion:
-        estimate = with_missing_frames(estimated_track(run))
-        for name in names:
-            export(folder / name, estimate, metres=False)
+    names = _export_motion(folder, run) if motion else ()
     print(f"exported: {', '.join(str(folder / name) for name in (*overlays.values(), *names))}")
-    if motion:
+    if names:
         _measure(folder, run)
+    elif motion:
+        print(f"{folder}: the person is tracked in a single frame, which is no motion to export")
     else:
         print(f"{folder}: not usable, so its motion is not exported; workbench export {folder / RECORDING} does")
     findings = ((read_summary(folder) or {}).get("verdict") or {}).get("findings", ())
     if motion and any(finding["kind"] == MOVING_CAMERA for finding in findings):
         print("the exported positions are relative to the camera, which travels, and not to the ground")
+
+
+def _export_motion(folder: Path, run: Run) -> tuple[str, ...]:
+    """Write the estimated motion into a folder; return the names of the files, none for a single frame."""
+    estimate = estimated_track(run)
+    names = _EXPORTS if len(estimate.frames) > 1 else ()
+    for name in names:
+        export(folder / name, with_missing_frames(estimate), metres=False)
+    return names
 
 
 def _measure(folder: Path, run: Run) -> None:

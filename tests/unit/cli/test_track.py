@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -135,7 +136,7 @@ def exported(monkeypatch):
     monkeypatch.setattr(track, "camera_names", lambda run: ["camera"])
     monkeypatch.setattr(track, "write_overlay", lambda run, path, camera, **_: written.append((path.name, camera)))
     monkeypatch.setattr(track, "_show_people", lambda folder: None)
-    monkeypatch.setattr(track, "estimated_track", lambda run: None)
+    monkeypatch.setattr(track, "estimated_track", lambda run: SimpleNamespace(frames=[0, 1]))
     monkeypatch.setattr(track, "with_missing_frames", lambda motion: motion)
     monkeypatch.setattr(track, "export", lambda path, motion, metres: written.append((path.name, None)))
     monkeypatch.setattr(track, "_measure", lambda folder, run: None)
@@ -166,6 +167,13 @@ def test_a_run_that_is_not_usable_is_exported_if_it_is_the_only_one(video, tmp_p
     monkeypatch.setattr(track, "read_summary", summary("not usable"))
     assert main(["track", str(video), "-o", str(tmp_path / "out")]) == 0
     assert exported == [("overlay.mp4", "camera"), *MOTION]
+
+
+def test_a_single_frame_is_no_motion(video, tmp_path, exported, monkeypatch):
+    monkeypatch.setattr(track, "read_summary", summary("doubtful"))
+    monkeypatch.setattr(track, "estimated_track", lambda run: SimpleNamespace(frames=[0]))
+    assert main(["track", str(video), "-o", str(tmp_path / "out")]) == 0
+    assert exported == [("overlay.mp4", "camera")]
 
 
 def test_every_camera_has_an_overlay(video, tmp_path, exported, monkeypatch):
