@@ -327,3 +327,37 @@ def test_a_path_as_the_key_of_a_mapping_is_refused():
     node = {"_target_": "workbench.datasets.points.Points", "motion": {"/etc/walk.bvh": "a"}}
     message = refusal(runnable_config, run_with(yaml.safe_dump({"seed": 3, "dataset": node})), [], defaults())
     assert message.startswith("a.rrd: dataset.motion./etc/walk.bvh: '/etc/walk.bvh' is outside paths.data")
+
+
+def _made_from(folder, data, source):
+    """Return the source of the video in the configuration of a recording in a folder, or the refusal."""
+    node = {"_target_": "workbench.datasets.video.Video", "source": source, "calibration_file": None}
+    text = yaml.safe_dump({"seed": 3, "dataset": node, "paths": {"data": data}})
+    run = Run(folder / "a.rrd", {"config": {"TextDocument:text": text}}, {})
+    configs = []
+    return refusal(lambda: configs.append(runnable_config(run, [], defaults()))) or configs[0].dataset.source
+
+
+def test_a_recording_made_from_inputs_reads_those_next_to_it_and_nothing_else(tmp_path):
+    own, other = tmp_path / "own", tmp_path / "other"
+    for folder in (own / "inputs", other):
+        folder.mkdir(parents=True)
+        (folder / "walk.mp4").write_text("content")
+    assert _made_from(own, "/elsewhere/inputs", "/elsewhere/inputs/walk.mp4") == str(own / "inputs" / "walk.mp4")
+    for data, source in (
+        ("/elsewhere/data", "/elsewhere/data/walk.mp4"), ("/elsewhere/data", str(own / "inputs" / "walk.mp4")),
+        ("/elsewhere/inputs", str(other / "walk.mp4")), ("/elsewhere/inputs", "/elsewhere/inputs/../../other/walk.mp4"),
+    ):  # fmt: skip
+        assert "outside paths.data" in _made_from(own, data, source)
+    assert "outside paths.data" in _made_from(other, "/elsewhere/inputs", "/elsewhere/inputs/walk.mp4")
+
+
+def test_inputs_with_a_link_are_not_read(tmp_path):
+    """They may come from an archive, unlike the user's paths.data with links to databases."""
+    for name in ("real", "below/inputs", "is"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "walk.mp4").write_text("content")
+    (tmp_path / "below" / "inputs" / "cmu").symlink_to("../../real")
+    (tmp_path / "is" / "inputs").symlink_to("../real")
+    for name in ("below", "is"):
+        assert "outside paths.data" in _made_from(tmp_path / name, "/elsewhere/inputs", "/elsewhere/inputs/walk.mp4")

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 InputPath = Annotated[str, "file or folder to read"]
-"""A text that names a file or a folder. A recorded configuration may only name one below paths.data."""
+"""A text that names a file or a folder. A recorded configuration may only name one below paths.data, or inputs next
+to the recording."""
 
 
 def expanded(path: str | Path) -> Path:

@@ -1,8 +1,9 @@
 """Turn the configuration stored in a recording into one that is safe to run here.
 
 A recording may come from an untrusted source. Its configuration may build components that are options of the workbench
-or of a package that the user has allowed, and read below the user's `paths.data`. It has only the keys of the schema,
-none of which names a place to write: the run writes to the user's cache and to its own folder.
+or of a package that the user has allowed, and read below the user's `paths.data`, or the folder INPUTS next to the
+recording. It has only the keys of the schema, none of which names a place to write: the run writes to the user's cache
+and to its own folder.
 """
 
 import os
@@ -24,6 +25,9 @@ from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
 
+INPUTS = "inputs"
+"""Folder next to a recording with its files, which replaces paths.data where the recorded one has the same name."""
+
 
 def current_defaults(overrides: Sequence[str]) -> DictConfig:
     """Return today's top level with the user's paths and today's tolerances; overrides of paths apply."""
@@ -36,7 +40,8 @@ def runnable_config(
 ) -> DictConfig:
     """Return the stored configuration with the user's paths and the overrides.
 
-    Paths below the stored paths.data or paths.cache move below the user's. n_threads gets its default; no viewer opens.
+    Paths below the stored paths.data or paths.cache move below the user's, or below INPUTS. n_threads gets its default;
+    no viewer opens.
 
     Parameters
     ----------
@@ -60,6 +65,7 @@ def runnable_config(
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
     folders = {name: str(current.paths[name]) for name in ("data", "cache") if current.paths[name]}
+    folders |= _own_inputs(run)
     moved = {
         **dict.fromkeys(GROUPS),
         "seed": 0,
@@ -77,6 +83,14 @@ def runnable_config(
         if not f"{place}.".startswith(tuple(f"{key}{end}" for key in trusted for end in ".[")):
             raise InputError(f"{run.path}: {place}: {text!r} is outside paths.data; if you trust it, add {place}=…")
     return config
+
+
+def _own_inputs(run: Run) -> dict[str, str]:
+    """Return the folder INPUTS next to a recording that was made from one, as "data"; {} for a folder with links."""
+    folder = run.path.parent / INPUTS
+    recorded = str((run.settings.get("paths") or {}).get("data"))
+    is_own = Path(recorded).name == INPUTS and folder.is_dir()
+    return {"data": str(folder)} if is_own and not folder.is_symlink() and not any(_links(str(folder))) else {}
 
 
 def _check_untrusted(run: Run, settings: Mapping[str, Any]) -> None:
