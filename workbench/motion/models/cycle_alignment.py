@@ -10,6 +10,7 @@ import scipy
 from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_CYCLE_S, Motion
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.nan_statistics import nan_mean
 
 MIN_NOISE = 1e-12
 """Lower bound of the noise as a fraction of the variance, so that an exact repetition has a finite ratio."""
@@ -33,11 +34,7 @@ def snr(series: FloatArray, periods: Sequence[float] | FloatArray, summed: bool 
     ratios = snr_per_series(series, periods)
     if summed:
         return np.where(np.isfinite(ratios).any(axis=1), np.nansum(ratios, axis=1), np.nan)
-    roots = np.sqrt(ratios)
-    usable = np.isfinite(roots)
-    count = usable.sum(axis=1)
-    mean = np.where(usable, roots, 0.0).sum(axis=1) / np.maximum(count, 1)
-    return np.where(count > 0, mean**2, np.nan)
+    return nan_mean(np.sqrt(ratios), axis=1) ** 2
 
 
 def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) -> FloatArray:
@@ -58,8 +55,7 @@ def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) ->
         raise InputError(f"period: expected series (F, m) and periods of 2 samples or more, found {shapes}")
     valid = np.isfinite(series)
     n_valid = valid.sum(axis=0)
-    mean = np.where(valid, series, 0.0).sum(axis=0) / np.maximum(n_valid, 1)
-    centred = np.where(valid, series - mean, 0.0)
+    centred = np.where(valid, series - nan_mean(series, axis=0), 0.0)
     variation = (centred**2).sum(axis=0)
     samples = np.concatenate([valid, centred], axis=1)
     ratios = np.full((len(candidates), series.shape[1]), np.nan)
@@ -265,10 +261,8 @@ def _standard_deviations(sequences: Sequence[FloatArray]) -> FloatArray:
     n_valid, variation = np.zeros(sequences[0].shape[1]), np.zeros(sequences[0].shape[1])
     for series in sequences:
         valid = np.isfinite(series)
-        n = valid.sum(axis=0)
-        mean = np.where(valid, series, 0.0).sum(axis=0) / np.maximum(n, 1)
-        n_valid += n
-        variation += (np.where(valid, series - mean, 0.0) ** 2).sum(axis=0)
+        n_valid += valid.sum(axis=0)
+        variation += (np.where(valid, series - nan_mean(series, axis=0), 0.0) ** 2).sum(axis=0)
     if not n_valid.all():
         raise InputError(f"alignment: angle {int(n_valid.argmin())} has no valid sample in any sequence")
     return np.where(variation > 0.0, np.sqrt(variation / n_valid), 1.0)
