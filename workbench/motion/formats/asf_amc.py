@@ -295,12 +295,8 @@ def _bone(path: Path, name: str, block: _Properties, degrees: bool) -> _Bone:
     (length,) = numbers(path, *block["length"], 1, f"the length of {name}")
     size = float(np.linalg.norm(direction))
     if length < 0.0 or not isclose(size, 1.0, abs_tol=1e-3):  # printed with six digits
-        fail(
-            path,
-            line,
-            f"expected a direction of length 1 and a length, not negative, of bone {name}, found "
-            f"{size:.4g} and {length:g}",
-        )
+        expected = f"a direction of length 1 and a length, not negative, of bone {name}"
+        fail(path, line, f"expected {expected}, found {size:.4g} and {length:g}")
     axis_line, words = block["axis"]
     order = _axis_order(path, axis_line, " ".join(words[3:]))
     axis = numbers(path, axis_line, words[:3], 3, f"the axis of {name}")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from workbench.body.angles import N_POSITION
 from workbench.body.skeleton import Skeleton
 from workbench.body.units import UNITS
 from workbench.motion.clip import FILE_FROM_WORLD, MotionClip
@@ -42,7 +43,6 @@ _POSITIONS = ("Xposition", "Yposition", "Zposition")
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
 _COMMENT = re.compile(r"\s*(#|$)")  # or a blank line
 _DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
-_N_POSITIONS = 3
 
 
 @dataclass
@@ -246,14 +246,12 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
     A joint's channels are its angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
     multiplies a joint's rotations outermost first. Angles are not converted, so they stay continuous and no pose is
     singular. A joint with fewer than three rotations gets zero channels, since readers expect three. A joint without
-    children becomes the End Site of its parent, without a name. Raises ValueError for another unit, or a joint with
-    rotation axes other than different axes of its frame.
+    children becomes the End Site of its parent, without a name. Raises ValueError for a joint with rotation axes other
+    than different axes of its frame.
     """
-    if unit not in ("cm", "m"):
-        raise ValueError(f"the unit of a BVH file must be cm or m, found {unit!r}")
     hierarchy, columns = _branch(skeleton, 0, PER_METRE[unit], depth=0)
     signs = skeleton.dof_axes.sum(axis=1)  # of axes ±x, ±y, ±z; +1 for positions
-    scales = np.where(np.arange(len(signs)) < _N_POSITIONS, PER_METRE[unit], np.rad2deg(1.0) * signs)
+    scales = np.where(np.arange(len(signs)) < N_POSITION, PER_METRE[unit], np.rad2deg(1.0) * signs)
     padded = np.hstack([poses * scales, np.zeros((len(poses), 1))])  # column -1: a rotation that the joint lacks
     values = np.round(padded[:, columns], _DIGITS) + 0.0  # no "-0.000000"
     rows = [" ".join([f"{value:.{_DIGITS}f}" for value in row]) for row in values.tolist()]
@@ -293,7 +291,7 @@ def _joint_channels(skeleton: Skeleton, joint: int) -> tuple[list[str], list[int
     for column in np.flatnonzero(skeleton.dof_joints == joint).tolist():
         axis = np.abs(skeleton.dof_axes[column])
         letter = "XYZ"[FILE_FROM_WORLD.index(int(np.argmax(axis)))]
-        if column < _N_POSITIONS:
+        if column < N_POSITION:
             positions[f"{letter}position"] = column
         elif axis.max() == axis.sum() == 1.0 and f"{letter}rotation" not in rotations:
             rotations[f"{letter}rotation"] = column

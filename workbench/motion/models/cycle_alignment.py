@@ -21,6 +21,7 @@ REFINEMENT_STEPS = 6
 N_PHASES = 256
 N_KNOTS = 16
 MAX_ITERATIONS = 100
+TOLERANCE = 1e-6
 
 
 def snr(series: FloatArray, periods: Sequence[float] | FloatArray, summed: bool = False) -> FloatArray:
@@ -158,14 +159,12 @@ class CycleAlignment:
         return np.arange(n_frames) / self.periods[i] + self.offsets[i]
 
 
-def align(
-    sequences: Sequence[FloatArray], periods: Sequence[float] | FloatArray, tolerance: float = 1e-6
-) -> CycleAlignment:
+def align(sequences: Sequence[FloatArray], periods: Sequence[float] | FloatArray) -> CycleAlignment:
     """Return offsets that align sequences (F_i, m), NaN where missing, with periods (n,) in samples.
 
     From offsets of zero, (1) fit a periodic cubic regression spline with N_KNOTS knots to all folded, shifted data;
     (2) choose every offset with the smallest deviation from it; repeat until the error decreases by less than the
-    fraction `tolerance`. Both steps minimise the same sum, so that it never increases. A second initialisation uses the
+    fraction TOLERANCE. Both steps minimise the same sum, so that it never increases. A second initialisation uses the
     first sequence alone as reference, because sequences in opposite phase cancel in the paper's initial reference; the
     result with the smaller error is returned.
 
@@ -181,7 +180,7 @@ def align(
     spline = periodic_basis(np.arange(N_PHASES) / N_PHASES, N_KNOTS)
     all_sequences = _fit(spline, folded.counts.sum(axis=0), folded.totals.sum(axis=0))
     first_sequence = _fit(spline, folded.counts[0], folded.totals[0])
-    results = [_iterate(folded, spline, initial, tolerance) for initial in (all_sequences, first_sequence)]
+    results = [_iterate(folded, spline, initial) for initial in (all_sequences, first_sequence)]
     shifts, reference, errors = min(results, key=lambda result: result[2][-1])
     return CycleAlignment(periods, shifts / N_PHASES, reference * scale, np.array(errors))
 
@@ -208,9 +207,7 @@ def fit_periodic(basis: FloatArray, weights: FloatArray, values: FloatArray, rou
     return (np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right[:, :, None])[:, :, 0].T
 
 
-def _iterate(
-    folded: "_Folded", spline: FloatArray, reference: FloatArray, tolerance: float
-) -> tuple[IntArray, FloatArray, list[float]]:
+def _iterate(folded: "_Folded", spline: FloatArray, reference: FloatArray) -> tuple[IntArray, FloatArray, list[float]]:
     """Return shifts (n,) in phases, the reference (T, m), and the errors initially and after every iteration."""
     sequences = np.arange(len(folded.counts))
     shifts = np.zeros(len(sequences), dtype=np.int64)
@@ -228,7 +225,7 @@ def _iterate(
             break
         shifts, reference = moved, fitted
         errors.append(error)
-        if errors[-2] - error <= tolerance * errors[-2]:
+        if errors[-2] - error <= TOLERANCE * errors[-2]:
             break
     return shifts, reference, errors
 
