@@ -124,9 +124,10 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     width, height = numbers("size", (2,)) if is_sized else (0.0, 0.0)
     if is_sized and not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
         raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
-    if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
+    matrix = numbers("matrix", (3, 3))
+    if not np.abs(matrix).max() <= LARGEST_PX:
         raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
-    if not (numbers("matrix", (3, 3)).diagonal()[:2] >= _MIN_FOCAL_PX).all():
+    if not (matrix.diagonal()[:2] >= _MIN_FOCAL_PX).all():
         raise InputError(
             f"{path}: camera [{key}]: expected focal lengths of {_MIN_FOCAL_PX:g} px or more in the matrix"
         )
@@ -137,7 +138,7 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROUNDING and np.linalg.det(rotation) > 0.0):
         raise InputError(f"{path}: camera [{key}]: expected a rotation, found {table['rotation']!r}")
     coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
-    matrix, distortion = numbers("matrix", (3, 3)), np.zeros(5)
+    distortion = np.zeros(5)
     distortion[: min(5, coefficients.size)] = coefficients[:5]
     if fisheye or coefficients[5:].any():
         # OpenCV's stereo sample writes no size; the principal point is near the middle
