@@ -221,11 +221,8 @@ class Synthetic(Scene):
     def _key(self) -> str:
         unseen, camera = ["data", "cache", "calibration_file", "keypoint_sigma_px"], self.true_camera
         unseen += ["neck_and_feet"] if self._subject_has_feet else []
-        calibration = (camera.matrix, camera.rotation, camera.translation, camera.distortion)
-        size = np.array([camera.width, camera.height])
-        return image_key(
-            self, unseen, code_digest(render, subjects, surroundings), self._used_motion, *calibration, size
-        )
+        code = code_digest(render, subjects, surroundings)
+        return image_key(self, unseen, code, self._used_motion, camera.row)
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:

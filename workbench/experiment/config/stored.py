@@ -112,9 +112,8 @@ def _relocated(value: Any, recorded: object, folders: Mapping[str, str]) -> Any:
     """Return the value with the user's folders in place of the recorded ones, as far as the user has set them."""
     if isinstance(value, Mapping):
         moved = {key: _relocated(item, recorded, folders) for key, item in value.items()}
-        return moved | (
-            {"cache": folders["cache"]} if "cache" in moved else {}
-        )  # the only folder that components write to
+        # the cache is the only folder that components write to
+        return moved | ({"cache": folders["cache"]} if "cache" in moved else {})
     if isinstance(value, list):
         return [_relocated(item, recorded, folders) for item in value]
     for name, folder in folders.items():

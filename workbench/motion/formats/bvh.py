@@ -95,10 +95,8 @@ def _person(
     for start, end in zip(starts, [*starts[1:], len(joints)], strict=True):
         names = tuple(joint.name for joint in joints[start:end])
         parents = [joint.parent - start if joint.parent >= 0 else -1 for joint in joints[start:end]]
-        n_found = (
-            len(skeleton_joints(names, parents)) if landmarks is None else len(set(landmarks.values()) & set(names))
-        )
-        people.append((n_found, names, np.array(parents), {k: firsts[k] for k in range(start, end)}))
+        found = skeleton_joints(names, parents) if landmarks is None else set(landmarks.values()) & set(names)
+        people.append((len(found), names, np.array(parents), {k: firsts[k] for k in range(start, end)}))
     _, names, parent_array, columns = max(people, key=lambda person: person[0])
     if len(people) > 1:
         log.warning("%s: %d roots; read is %s with its %d joints", path, len(people), names[0], len(names))
