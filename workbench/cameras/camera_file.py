@@ -92,17 +92,13 @@ def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
     tables = parse_toml(path, text)
     if isinstance(inner := tables.get("cameras"), dict):
         tables = inner
-    cameras = {key: table for key, table in tables.items() if _is_camera(key, table)}
+    tables = {key: table for key, table in tables.items() if key != "metadata" and isinstance(table, dict)}
+    cameras = {key: table for key, table in tables.items() if not {"matrix", "distortions"}.isdisjoint(table)}
     if not cameras:
         raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
     if plain := [key for key, table in cameras.items() if "distortions" not in table]:
         log.warning("%s: cameras without distortions: %s; none are assumed", path, ", ".join(plain))
     return {key: {"size": None, "distortions": [0.0] * 5, **table} for key, table in cameras.items()}
-
-
-def _is_camera(key: str, table: object) -> bool:
-    """Return whether a table has some of a camera's own keys."""
-    return key != "metadata" and isinstance(table, dict) and not {"matrix", "distortions"}.isdisjoint(table)
 
 
 def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
