@@ -57,7 +57,7 @@ class _Joint:
 def read_bvh(
     path: str | Path, unit: str | None = None, up: str | None = None, landmarks: Mapping[str, str] | None = None
 ) -> MotionClip:
-    """Return the clip of a BVH file; frames count from 1.
+    """Return the clip of a BVH file.
 
     A joint has rotation channels, position channels or both, in any order, or none; its rotation is intrinsic, in the
     order of its channels. Positions replace the joint's offset (of the root too, whose offset is zero in most files).
@@ -81,7 +81,7 @@ def read_bvh(
     rate_hz, values = _read_motion(path, lines, line, sum(len(joint.channels) for joint in joints))
     names, parents, columns = _person(path, joints, landmarks)
     offsets, rotations, translations = _local_motion([joints[k] for k in columns], list(columns.values()), values)
-    return person_clip(path, rate_hz, 1, names, parents, offsets, rotations, translations, "cm", unit, up, landmarks)
+    return person_clip(path, rate_hz, names, parents, offsets, rotations, translations, "cm", unit, up, landmarks)
 
 
 def _person(
