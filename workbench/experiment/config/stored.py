@@ -66,13 +66,8 @@ def runnable_config(
         raise InputError(f"{run.path}: {error}") from None
     folders = {name: str(current.paths[name]) for name in ("data", "cache") if current.paths[name]}
     folders |= _own_inputs(run)
-    moved = {
-        **dict.fromkeys(GROUPS),
-        "seed": 0,
-        **_relocated(settings, settings.get("paths"), folders),
-        "n_threads": None,
-    }
-    moved["paths"] = {"data": folders.get("data"), "cache": folders.get("cache")}
+    moved = {**dict.fromkeys(GROUPS), "seed": 0, **_relocated(settings, settings.get("paths"), folders)}
+    moved |= {"n_threads": None, "paths": {"data": folders.get("data"), "cache": folders.get("cache")}}
     if "stream" in (moved["recorder"] or {}):
         moved["recorder"]["stream"] = False
     moved.setdefault("check", OmegaConf.to_container(current.check))
