@@ -34,7 +34,7 @@ def clip(joints, rotations, places=None, name="made"):
     if places is None:
         places = np.broadcast_to(offsets, (len(rotations), *offsets.shape))
     positions = joint_positions(parents, world_rotations(parents, rotations), places)
-    return MotionClip(name, 30.0, 1, names, parents, offsets, rotations, positions)
+    return MotionClip(name, 30.0, names, parents, offsets, rotations, positions)
 
 
 def wandering(joints, seed, n=60, size=0.02, still=()):

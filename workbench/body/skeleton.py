@@ -194,3 +194,14 @@ def _offsets(shape: Shape) -> dict[str, Triple]:
 def joint_of(joints: FloatArray, name: str) -> FloatArray:
     """Return the positions (..., D) of a joint, of joints (..., J, D) in the order of JOINT_NAMES."""
     return joints[..., JOINT_NAMES.index(name), :]
+
+
+def middle_of(joints: FloatArray, name: str) -> FloatArray:
+    """Return the middles (..., D) of a joint's left and right side, of joints (..., J, D) in the order of
+    JOINT_NAMES."""
+    return 0.5 * (joint_of(joints, f"left_{name}") + joint_of(joints, f"right_{name}"))
+
+
+def without_side(name: str) -> str:
+    """Return the name of a joint, an angle or a limb without its side."""
+    return name.removeprefix("left_").removeprefix("right_")

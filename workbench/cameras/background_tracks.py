@@ -10,6 +10,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from workbench.cameras.image_changes import small_grey
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray, IntArray
 
 LONG_SIDE_PX = 480
@@ -132,12 +133,11 @@ class _Picture:
         """Return the small picture of an image; its background excludes people with joints (n, J, 2 or more) and
         overlaid places (m, 2), px."""
         factor = min(LONG_SIDE_PX / max(image.shape[:2]), 1.0)
-        small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) if factor < 1 else image
-        grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
+        grey = small_grey(image, LONG_SIDE_PX)
         background = _background(grey.shape, joints * factor)
         for place in (overlaid * factor).round().astype(int):
             cv2.circle(background, (int(place[0]), int(place[1])), _CELL_PX, 0, -1)
-        return _Picture(number, np.asarray(grey, np.uint8), background, factor)
+        return _Picture(number, grey, background, factor)
 
     @property
     def corners(self) -> FloatArray:

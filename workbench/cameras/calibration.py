@@ -15,7 +15,7 @@ from workbench.body.stature import stature
 from workbench.body.units import TYPICAL_M, UNIT_NAMES, UNITS, unit_of_extent, unit_of_person
 from workbench.cameras.camera import Camera
 from workbench.cameras.camera_file import load_cameras, stated_unit
-from workbench.cameras.triangulation import triangulate_normalized, undistorted
+from workbench.cameras.triangulation import ray_directions, triangulate_normalized, undistorted
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_path import expanded
@@ -121,7 +121,8 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     if name is None:  # many wrong joints
         height = triangulated_height(cameras, pixels, _BEST_RAYS)
         name = unit_of_person(height, _UNITS)
-    if name is None and unit_of_person(triangulated_height(_inverted(cameras), pixels), _UNITS) is not None:
+    inverted = [replace(one, rotation=one.rotation.T, translation=one.position) for one in cameras]
+    if name is None and unit_of_person(triangulated_height(inverted, pixels), _UNITS) is not None:
         raise InputError(
             f"{source}: the poses seem to be inverted: the rays to the person meet only if rotation and translation "
             "lead from the camera to the world; replace them by their inverses, Rᵀ and -Rᵀ t"
@@ -138,17 +139,12 @@ def unit_of_people(cameras: Sequence[Camera], pixels: FloatArray, source: str) -
     return UNITS[name]
 
 
-def _inverted(cameras: Iterable[Camera]) -> list[Camera]:
-    """Return cameras with the inverse poses."""
-    return [replace(one, rotation=one.rotation.T, translation=one.position) for one in cameras]
-
-
 def triangulated_height(cameras: Sequence[Camera], pixels: FloatArray, best: float = 1.0) -> float:
     """Return the median height, in the cameras' unit, of a person with joints at pixels (V, T, J, 2); NaN where the
     rays of different cameras do not meet. best: fraction of the joints used, those whose rays meet best."""
     places = undistorted(cameras, pixels)
     points = triangulate_normalized(cameras, places)
-    rays = np.stack([camera.directions(one) for camera, one in zip(cameras, places, strict=True)])
+    rays = ray_directions(cameras, places)
     offsets = points - np.stack([camera.position for camera in cameras])[:, None, None]
     distances = np.linalg.norm(np.cross(offsets, rays), axis=-1)
     if best < 1.0 and np.isfinite(distances).any():

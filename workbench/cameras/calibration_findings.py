@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, SHOULDER_HEIGHT
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import JOINT_NAMES, joint_of, middle_of
 from workbench.body.stature import limb_lengths, usual_height
 from workbench.body.units import TYPICAL_M, UNIT_NAMES, is_person, unit_of_person
 from workbench.cameras.camera import Camera
@@ -134,7 +134,7 @@ def _check_several(observed: ObservedJoints, height_m: float | None) -> Calibrat
     limbs = limb_lengths(joints)
     findings.append(_size(limbs, height_m))
     findings.append(_upright(joints))
-    heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
+    heights = np.concatenate([joint_of(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
     if not np.isfinite(heights).any():
         return CalibrationCheck(tuple(findings), joints)
     tall = height_m or (float(np.clip(usual_height(limbs), *HEIGHTS_M)) if limbs else TYPICAL_M)
@@ -146,7 +146,7 @@ def _check_several(observed: ObservedJoints, height_m: float | None) -> Calibrat
 
 def _upright(joints: FloatArray) -> Finding:
     """Compare the mean directions from ankles and hips to shoulders, of joints (F, J, 3), m, with z."""
-    ends = [_middle(joints, name) for name in ("shoulder", "ankle", "hip")]
+    ends = [middle_of(joints, name) for name in ("shoulder", "ankle", "hip")]
     ends = [each[np.isfinite(ends).all(axis=(0, 2))] for each in ends]
     if not len(ends[0]):
         text = "ankles, hips and shoulders are never triangulated together: the vertical is unknown"
@@ -256,10 +256,10 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
     """Check one camera by people assumed upright, of height_m or the average height."""
     (camera,), tall = observed.cameras, height_m or TYPICAL_M
     keypoints = (observed.keypoints if observed.in_cameras is None else observed.in_cameras)[0]
-    feet, heads = _middle(keypoints, "ankle")[:, :2], _joint(keypoints, "head_centre")[:, :2]
+    feet, heads = middle_of(keypoints, "ankle")[:, :2], joint_of(keypoints, "head_centre")[:, :2]
     length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
     if not np.isfinite(heads).any():
-        heads, length_m = _middle(keypoints, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
+        heads, length_m = middle_of(keypoints, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
     rows: IntArray = np.flatnonzero(np.isfinite(feet + heads).all(axis=1))
     if not len(rows):
         text = "no frame has both ankles and the head or the shoulders: the camera's pose is unknown"
@@ -269,7 +269,7 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
     lean = _lean(camera, feet[rows], heads[rows])
     if lean.is_problem:
         return CalibrationCheck((lean,), joints, floor_m)
-    erect = ~(_hip_heights(camera, places, _middle(keypoints[rows], "hip")[:, :2]) < _MIN_HIPS * tall)
+    erect = ~(_hip_heights(camera, places, middle_of(keypoints[rows], "hip")[:, :2]) < _MIN_HIPS * tall)
     if not erect.any():
         text = "the person is never upright, so that the distance and the floor under the feet are unknown"
         return CalibrationCheck((lean, Finding("distance", f"{camera.name}: {text}", NOTE)), joints)
@@ -279,11 +279,7 @@ def _check_single(observed: ObservedJoints, height_m: float | None, joints: Floa
     joints[rows, JOINT_NAMES.index("head_centre")] = places + length_m * UP
     floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
     assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
-    findings = [
-        lean,
-        distance(camera, places, assumed),
-        _camera_height(camera, floor_m),
-    ]
+    findings = [lean, distance(camera, places, assumed), _camera_height(camera, floor_m)]
     if camera.uncertainty is None:  # an estimated camera follows from the same heads and feet
         findings += _slope(places[_stands(keypoints[rows])], camera)
     return CalibrationCheck(tuple(findings), joints, floor_m)
@@ -354,8 +350,8 @@ def _stands(keypoints: FloatArray) -> BoolArray:
     The ankles' heights in the image differ by less than 0.1 of the person's, the clearance of a walk's swinging foot,
     and the neck is nearly above their middle.
     """
-    ankles = np.stack([_joint(keypoints, f"{side}_ankle")[:, :2] for side in ("left", "right")])
-    trunk = _middle(keypoints, "shoulder")[:, :2] - ankles.mean(axis=0)
+    ankles = np.stack([joint_of(keypoints, f"{side}_ankle")[:, :2] for side in ("left", "right")])
+    trunk = middle_of(keypoints, "shoulder")[:, :2] - ankles.mean(axis=0)
     heights = np.linalg.norm(trunk, axis=1) / (SHOULDER_HEIGHT - ANKLE_HEIGHT)
     together = np.abs(ankles[0, :, 1] - ankles[1, :, 1]) < _MAX_CLEARANCE * heights
     angles = np.degrees(np.arctan2(trunk[:, 0], -trunk[:, 1]))
@@ -381,14 +377,6 @@ def _slope(places: FloatArray, camera: Camera) -> list[Finding]:
     degrees, sigma = abs(float(np.degrees(np.arctan(slope)))), float(np.degrees(np.arctan(error)))
     text = f"over {np.ptp(walk):.1f} m of walk the floor has a slope of {degrees:.1f} ± {sigma:.1f}°"
     return [Finding("ground contact", text, TRUSTWORTHY if degrees <= _MAX_SLOPE_DEG + 2.0 * sigma else DOUBTFUL)]
-
-
-def _joint(values: FloatArray, name: str) -> FloatArray:
-    return values[:, JOINT_NAMES.index(name)]
-
-
-def _middle(values: FloatArray, name: str) -> FloatArray:
-    return 0.5 * (_joint(values, f"left_{name}") + _joint(values, f"right_{name}"))
 
 
 def _px(value: float) -> str:

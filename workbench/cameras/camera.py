@@ -77,9 +77,8 @@ class Camera:
         normalized, finite = np.full(pixels.shape, np.nan), np.asarray(np.isfinite(pixels).all(axis=-1), bool)
         if finite.any():
             finite_pixels = np.ascontiguousarray(pixels[finite][:, None])
-            normalized[finite] = cv2.undistortPoints(
-                finite_pixels, self.matrix, self.distortion, criteria=_UNDISTORTION
-            )[:, 0]
+            places = cv2.undistortPoints(finite_pixels, self.matrix, self.distortion, criteria=_UNDISTORTION)
+            normalized[finite] = places[:, 0]
         return normalized
 
     def directions(self, normalized: FloatArray) -> FloatArray:

@@ -6,10 +6,9 @@ from itertools import combinations
 import numpy as np
 
 from workbench.body.shape import FOREARM_OVER_HEIGHT
-from workbench.cameras.camera import Camera
 from workbench.cameras.observed_joints import MIN_WEIGHT, ObservedJoints, some_frames
 from workbench.cameras.time_offset import distance_curve
-from workbench.cameras.triangulation import ray_distances, triangulate_normalized, undistorted
+from workbench.cameras.triangulation import ray_directions, ray_distances, triangulate_normalized, undistorted
 from workbench.utils.arrays import FloatArray
 from workbench.utils.crossings import crossings
 from workbench.utils.finding import NOT_USABLE, Finding
@@ -31,28 +30,11 @@ def camera_findings(observed: ObservedJoints, explain: bool) -> Iterator[Finding
 
     explain: the cameras contradict each other, so that exchanged videos are searched for.
     """
-    rays = _rays(observed)
+    rays = ray_directions(observed.cameras, undistorted(observed.cameras, observed.pixels(MIN_WEIGHT)))
     found = [*(_exchanged(observed, rays) if explain else ()), *_unsynchronized(observed, rays)]
     yield from found
     if not found:
         yield from _since(observed, skip_first=explain)
-
-
-def _rays(observed: ObservedJoints) -> FloatArray:
-    """Return the unit directions (V, F, J, 3) of the joints in the world."""
-    pixels = observed.pixels(MIN_WEIGHT)
-    rays = [_directions(camera, each) for camera, each in zip(observed.cameras, pixels, strict=True)]
-    return np.stack(rays)
-
-
-def _directions(camera: Camera, pixels: FloatArray) -> FloatArray:
-    flat = camera.directions(camera.undistorted(pixels.reshape(-1, 2)))
-    return flat.reshape(*pixels.shape[:-1], 3)
-
-
-def _distance(first: Camera, a: FloatArray, second: Camera, b: FloatArray) -> float:
-    """Return the mean distance, m, between the lines of rays a and b (..., 3) of two cameras; NaN without any."""
-    return _mean_distance(ray_distances(a, b, second.position - first.position))
 
 
 def _mean_distance(distances: FloatArray) -> float:
@@ -66,9 +48,9 @@ def _exchanged(observed: ObservedJoints, rays: FloatArray) -> Iterator[Finding]:
     pixels = observed.pixels(MIN_WEIGHT)[:, rows]
 
     def total(order: list[int]) -> float:
-        own = [_directions(cameras[v], pixels[k]) for v, k in enumerate(order)]
-        pairs = combinations(range(len(cameras)), 2)
-        each = [_distance(cameras[a], own[a], cameras[b], own[b]) for a, b in pairs]
+        own = ray_directions(cameras, undistorted(cameras, pixels[order]))
+        pairs = combinations(zip(cameras, own, strict=True), 2)
+        each = [_mean_distance(ray_distances(a, b, two.position - one.position)) for (one, a), (two, b) in pairs]
         return float(np.mean([value for value in each if np.isfinite(value)] or [np.inf]))
 
     order = list(range(len(cameras)))
@@ -131,24 +113,20 @@ def pair_separations(observed: ObservedJoints, rows: slice = slice(None)) -> dic
     A separation is the median over joints of the mean reprojection error of both cameras from their common triangulated
     point, in heights of the person in the image. A point behind a camera counts as one height of the person.
     """
-    pixels, heights = observed.pixels(MIN_WEIGHT)[:, rows], observed.heights_px.T[:, rows]
+    pixels, heights = observed.pixels(MIN_WEIGHT)[:, rows], observed.heights_px.T[:, rows, None]
+    heights = np.where(heights > 0.0, heights, np.nan)
     places, separations = undistorted(observed.cameras, pixels), {}
     for a, b in combinations(range(len(observed.cameras)), 2):
         points = triangulate_normalized([observed.cameras[v] for v in (a, b)], places[[a, b]])
         residuals = [
-            np.linalg.norm(observed.cameras[v].project(points) - pixels[v], axis=-1) / _positive(heights[v])
-            for v in (a, b)
+            np.linalg.norm(observed.cameras[v].project(points) - pixels[v], axis=-1) / heights[v] for v in (a, b)
         ]
-        valid = np.isfinite(points[..., 0]) & np.isfinite(_positive(heights[[a, b]])).all(0)
+        valid = np.isfinite(points[..., 0]) & np.isfinite(heights[[a, b]]).all(0)
         mean = np.where(valid, np.nan_to_num(np.mean(residuals, axis=0), nan=1.0), np.nan)
         series = nan_median(mean)
         if np.isfinite(series).any():
             separations[observed.cameras[a].name, observed.cameras[b].name] = series
     return separations
-
-
-def _positive(heights: FloatArray) -> FloatArray:
-    return np.where(heights > 0.0, heights, np.nan)[..., None]
 
 
 def _cm(length_m: float) -> str:

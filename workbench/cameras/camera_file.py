@@ -92,17 +92,13 @@ def _tables(path: Path) -> dict[str, Mapping[str, Any]]:
     tables = parse_toml(path, text)
     if isinstance(inner := tables.get("cameras"), dict):
         tables = inner
-    cameras = {key: table for key, table in tables.items() if _is_camera(key, table)}
+    tables = {key: table for key, table in tables.items() if key != "metadata" and isinstance(table, dict)}
+    cameras = {key: table for key, table in tables.items() if not {"matrix", "distortions"}.isdisjoint(table)}
     if not cameras:
         raise InputError(f"{path}: expected at least one camera table with a 'matrix', found none")
     if plain := [key for key, table in cameras.items() if "distortions" not in table]:
         log.warning("%s: cameras without distortions: %s; none are assumed", path, ", ".join(plain))
     return {key: {"size": None, "distortions": [0.0] * 5, **table} for key, table in cameras.items()}
-
-
-def _is_camera(key: str, table: object) -> bool:
-    """Return whether a table has some of a camera's own keys."""
-    return key != "metadata" and isinstance(table, dict) and not {"matrix", "distortions"}.isdisjoint(table)
 
 
 def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
@@ -124,9 +120,10 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     width, height = numbers("size", (2,)) if is_sized else (0.0, 0.0)
     if is_sized and not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
         raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
-    if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
+    matrix = numbers("matrix", (3, 3))
+    if not np.abs(matrix).max() <= LARGEST_PX:
         raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
-    if not (numbers("matrix", (3, 3)).diagonal()[:2] >= _MIN_FOCAL_PX).all():
+    if not (matrix.diagonal()[:2] >= _MIN_FOCAL_PX).all():
         raise InputError(
             f"{path}: camera [{key}]: expected focal lengths of {_MIN_FOCAL_PX:g} px or more in the matrix"
         )
@@ -137,7 +134,7 @@ def _camera(path: Path, key: str, table: Mapping[str, Any]) -> Camera:
     if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROUNDING and np.linalg.det(rotation) > 0.0):
         raise InputError(f"{path}: camera [{key}]: expected a rotation, found {table['rotation']!r}")
     coefficients, fisheye = numbers("distortions", *((n,) for n in _N_COEFFICIENTS)), bool(table.get("fisheye"))
-    matrix, distortion = numbers("matrix", (3, 3)), np.zeros(5)
+    distortion = np.zeros(5)
     distortion[: min(5, coefficients.size)] = coefficients[:5]
     if fisheye or coefficients[5:].any():
         # OpenCV's stereo sample writes no size; the principal point is near the middle

@@ -165,27 +165,16 @@ def camera_motion(tracks: CornerTracks, lens: Camera | None = None) -> CameraMot
     if not _without_brief(moves).any():
         return still
     rays = _Rays.of(tracks, lens)
-    for model in rays.models(focal, spread):
-        if model.rays.unexplained(model.focal, model.zooming) <= MAX_UNEXPLAINED:
-            turning = replace(still, kind=TURNING, rays=model.rays, zooming=model.zooming)
-            return replace(turning, focal_spread=model.focal_spread).at_focal(model.focal)
+    for fitted, first_focal, focal_spread, zooming in rays.models(focal, spread):
+        if fitted.unexplained(first_focal, zooming) <= MAX_UNEXPLAINED:
+            turning = replace(still, kind=TURNING, focal_spread=focal_spread, rays=fitted, zooming=zooming)
+            return turning.at_focal(first_focal)
     return replace(still, kind=TRAVELLING if rays.epipolar(focal) >= _MIN_EPIPOLAR else UNKNOWN)
 
 
 def _without_brief(values: FloatArray | BoolArray) -> FloatArray | BoolArray:
     """Return the values (T,) without those that last for less than half of BRIEF_FRAMES."""
     return median_filter(values, size=min(BRIEF_FRAMES, max(len(values), 1)), mode="nearest")
-
-
-@dataclass(frozen=True, eq=False)
-class _Model:
-    """How a camera turns: tracks from the principal point, the first focal length over the image's longer side and the
-    standard deviation of its logarithm, and whether it zooms."""
-
-    rays: "_Rays"
-    focal: float
-    focal_spread: float
-    zooming: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,17 +225,21 @@ class _Rays:
             zooms = np.interp(frames, measured, zooms[measured])
         return rotations, zooms
 
-    def models(self, focal: float, spread: float) -> Iterator[_Model]:
+    def models(self, focal: float, spread: float) -> Iterator[tuple["_Rays", float, float, bool]]:
         """Yield the models of a turning camera, the most plausible first, for a known focal length of the first frame,
-        with a spread of 0, or an unknown one: a constant focal length, a cropped image, a zoom."""
+        with a spread of 0, or an unknown one: a constant focal length, a cropped image, a zoom.
+
+        A model has the tracks from the principal point, the first focal length over the image's longer side, the
+        standard deviation of its logarithm, and whether the camera zooms.
+        """
         is_known = spread == 0.0
         constant, constant_spread = (focal, spread) if is_known else self.estimated_focal(zooming=False)
         if not self.zooms(constant):
-            yield _Model(self, constant, constant_spread, False)
+            yield self, constant, constant_spread, False
             if not is_known:
-                yield _Model(*self.off_centre(constant), FOCAL_SPREAD, False)
+                yield *self.off_centre(constant), FOCAL_SPREAD, False
         free, free_spread = (focal, spread) if is_known else self.estimated_focal(zooming=True)
-        yield _Model(self, free, free_spread, True)
+        yield self, free, free_spread, True
 
     def off_centre(self, focal: float) -> tuple["_Rays", float]:
         """Return the tracks from another principal point, of an image that is cropped, and the focal length."""

@@ -50,9 +50,8 @@ def five_coefficients(
     pixels = np.asarray(project(points, zero, zero, matrix, coefficients)[0], dtype=np.float64).reshape(rays.shape)
     # beyond its range, a polynomial maps rays back into the image
     rises = np.diff(np.linalg.norm(pixels - centre, axis=-1), axis=0, prepend=0.0) > 0.0
-    inside = np.logical_and.accumulate(
-        rises & ((pixels >= 0.0) & (pixels <= np.array(size) - 1.0)).all(axis=-1), axis=0
-    )
+    in_image = ((pixels >= 0.0) & (pixels <= np.array(size) - 1.0)).all(axis=-1)
+    inside = np.logical_and.accumulate(rises & in_image, axis=0)
     return fitted_coefficients(rays[inside], pixels[inside], matrix)
 
 

@@ -64,7 +64,7 @@ class ImageChanges:
         if (details := _details(self._thumbnails[-1])) is None:
             return
         unlike = self._last is not None and _correlation(self._last[1], details) < _UNLIKE
-        if unlike and self._last is not None and not _is_found_again(_grey(self._last[0]), _grey(image)):
+        if unlike and self._last is not None and not _is_found_again(self._last[0], image):
             self._candidates.append(len(self._numbers))
         self._last = image, details
         self._numbers.append(len(self._thumbnails) - 1)
@@ -116,11 +116,11 @@ def frozen(repeated: BoolArray, rate_hz: float) -> BoolArray:
     return stretches
 
 
-def _grey(image: ByteArray) -> ByteArray:
-    """Return a grey image whose longer side is at most _MATCHED_PX."""
-    factor = min(_MATCHED_PX / max(image.shape[:2]), 1.0)
+def small_grey(image: ByteArray, longest_px: int) -> ByteArray:
+    """Return an RGB or grey image in grey, with a longer side of at most `longest_px`."""
+    factor = min(longest_px / max(image.shape[:2]), 1.0)
     small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) if factor < 1.0 else image
-    return np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+    return np.asarray(small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
 def _details(thumbnail: ByteArray) -> FloatArray | None:
@@ -144,7 +144,8 @@ def _are_alike(details: list[FloatArray]) -> bool:
 
 
 def _is_found_again(before: ByteArray, after: ByteArray) -> bool:
-    """Return whether corners of a grey image are found again in another one, at places of one homography."""
+    """Return whether corners of an image are found again in another one, at places of one homography."""
+    before, after = (small_grey(each, _MATCHED_PX) for each in (before, after))
     detector = cv2.ORB.create(_N_CORNERS)
     (corners, words), (places, other_words) = (detector.detectAndCompute(each, None) for each in (before, after))
     if words is None or other_words is None:

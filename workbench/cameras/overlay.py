@@ -63,9 +63,8 @@ def draw_overlay(
             colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else keypoint_colour
             cv2.circle(canvas, _rounded(keypoint), 4 * thickness, colour, thickness, cv2.LINE_AA)
     for row, text in enumerate(_CAPTION):
-        _write(
-            canvas, text.format(camera.name), (10, round((row + 1) * 16 * max(thickness, 1.3)) + 6), thickness, _GRID
-        )
+        at = 10, round((row + 1) * 16 * max(thickness, 1.3)) + 6
+        _write(canvas, text.format(camera.name), at, thickness, _GRID)
     return canvas
 
 

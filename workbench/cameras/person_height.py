@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import JOINT_NAMES, joint_of, middle_of
 from workbench.cameras.camera import N_ROW_POSE, Camera, level_rotation
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -211,23 +211,18 @@ def upright(world_landmarks: FloatArray) -> BoolArray:
     is independent of the camera's attitude and of the landmarks' scale. False for unknown landmarks.
     """
 
-    def joint(name: str) -> FloatArray:
-        return world_landmarks[:, JOINT_NAMES.index(name)]
-
-    def pair(name: str) -> FloatArray:
-        return 0.5 * (joint(f"left_{name}") + joint(f"right_{name}"))
-
     def length(first: FloatArray, last: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm(last - first, axis=1))
 
     legs = [
-        length(joint(f"{side}_{first}"), joint(f"{side}_{last}"))
+        length(joint_of(world_landmarks, f"{side}_{first}"), joint_of(world_landmarks, f"{side}_{last}"))
         for side in ("left", "right")
         for first, last in (("hip", "knee"), ("knee", "ankle"))
     ]
-    head, shoulders, hips = joint("head_centre"), pair("shoulder"), pair("hip")
+    shoulders, hips, ankles = (middle_of(world_landmarks, name) for name in ("shoulder", "hip", "ankle"))
+    head = joint_of(world_landmarks, "head_centre")
     along = 0.5 * np.sum(legs, axis=0) + length(hips, shoulders) + length(shoulders, head)
-    return np.asarray(length(pair("ankle"), head) > _UPRIGHT_RATIO * along, bool)
+    return np.asarray(length(ankles, head) > _UPRIGHT_RATIO * along, bool)
 
 
 def _head_and_feet(values: FloatArray) -> FloatArray:

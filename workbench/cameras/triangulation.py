@@ -35,7 +35,7 @@ def triangulate_normalized(cameras: Sequence[Camera], places: FloatArray) -> Flo
 
     The point nearest to rays of unit directions d through the origins o solves Σ (I − d dᵀ) x = Σ (I − d dᵀ) o.
     """
-    rays = np.stack([camera.directions(one) for camera, one in zip(cameras, places, strict=True)])
+    rays = ray_directions(cameras, places)
     finite = np.asarray(np.isfinite(rays).all(axis=-1), bool)
     projections = np.where(finite[..., None, None], np.eye(3) - rays[..., :, None] * rays[..., None, :], 0.0)
     normal, moments = np.zeros(projections.shape[1:]), np.zeros(projections.shape[1:-1])
@@ -51,6 +51,11 @@ def triangulate_normalized(cameras: Sequence[Camera], places: FloatArray) -> Flo
 def undistorted(cameras: Sequence[Camera], pixels: FloatArray) -> FloatArray:
     """Return x/z, y/z (V, ..., 2) in the cameras' frames of pixels (V, ..., 2); NaN at NaN."""
     return np.stack([camera.undistorted(one) for camera, one in zip(cameras, pixels, strict=True)])
+
+
+def ray_directions(cameras: Sequence[Camera], places: FloatArray) -> FloatArray:
+    """Return unit directions (V, ..., 3) in the world of the rays through x/z, y/z (V, ..., 2) in their frames."""
+    return np.stack([camera.directions(one) for camera, one in zip(cameras, places, strict=True)])
 
 
 def ray_distances(a: FloatArray, b: FloatArray, baseline: FloatArray) -> FloatArray:

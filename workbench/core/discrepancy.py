@@ -30,11 +30,6 @@ class Discrepancy:
     n_subjects: int
 
     @property
-    def covariance(self) -> FloatArray:
-        """Covariance (C, C), rad²."""
-        return self.loadings @ self.loadings.T + np.diag(self.residual_std**2)
-
-    @property
     def std(self) -> FloatArray:
         """Marginal standard deviations (C,), rad."""
         return np.sqrt(self.residual_std**2 + (self.loadings**2).sum(axis=1))

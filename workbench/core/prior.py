@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from workbench.body.skeleton import without_side
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.pose_prior import PosePrior
 from workbench.core.state_space import StateSpace
@@ -35,7 +36,7 @@ class Smoothness:
 
     def of_angle(self, name: str) -> float:
         """Return the standard deviation, rad, of the second differences of a joint angle."""
-        return self.angles.get(name.removeprefix("left_").removeprefix("right_"), self.angle)
+        return self.angles.get(without_side(name), self.angle)
 
     @property
     def second_differences(self) -> FloatArray:

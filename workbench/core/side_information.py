@@ -5,9 +5,7 @@ Components declare it in their traits: under `assumptions` if they always use it
 """
 
 INITIAL_POSE = "initial_pose"  # the pose in the first frame
-INITIAL_ANNOTATIONS = (
-    "initial_annotations"  # manual annotations of the first frame, to which the initial pose is fitted
-)
+INITIAL_ANNOTATIONS = "initial_annotations"  # manual ones of the first frame, to which the initial pose is fitted
 FIRST_FRAMES = "first_frames"  # observations that initialize the run or the limb lengths and are used again
 POSE_HISTORY = "pose_history"  # the poses up to the first frame
 PHASE_ENDS = "phase_ends"  # the phases of the first and the last frame

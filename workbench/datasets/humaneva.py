@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.body.angles import N_POSITION
 from workbench.body.shape import Shape, from_height
-from workbench.body.skeleton import JOINT_NAMES, Skeleton, person_skeleton
+from workbench.body.skeleton import JOINT_NAMES, Skeleton, joint_of, middle_of, person_skeleton
 from workbench.body.stature import limb_lengths, usual_height
 from workbench.core.capabilities import IMAGES, KEYPOINTS, START, Traits, component_traits
 from workbench.core.checks import RATE, UP_TO_1, at_least, check, one_of, optional
@@ -263,18 +263,19 @@ def _offsets(path: Path) -> tuple[float, float, float]:
 
 def _shape(joints: FloatArray) -> Shape:
     """Return a person with the lengths, medians over frames, of joints (F, J, 3), m."""
-    index = {name: joints[:, k] for k, name in enumerate(JOINT_NAMES)}
 
     def distance(first: FloatArray, second: FloatArray) -> float:
         return float(np.median(np.linalg.norm(first - second, axis=-1)))
 
     lengths = limb_lengths(joints)
-    shoulders, hips = ([index[f"{side}_{name}"] for side in ("left", "right")] for name in ("shoulder", "hip"))
-    pelvis = index["pelvis"]
+    shoulders, hips = (
+        [joint_of(joints, f"{side}_{name}") for side in ("left", "right")] for name in ("shoulder", "hip")
+    )
+    neck, pelvis, head = (joint_of(joints, name) for name in ("neck", "pelvis", "head_centre"))
     return from_height(
-        usual_height(lengths), **lengths, neck=(0.0, 0.0, distance(index["neck"], pelvis)),
-        shoulder=(0.0, 0.5 * distance(*shoulders), distance(0.5 * (shoulders[0] + shoulders[1]), pelvis)),
-        hip=(0.0, 0.5 * distance(*hips), 0.0), head=(0.0, 0.0, distance(index["head_centre"], index["neck"])),
+        usual_height(lengths), **lengths, neck=(0.0, 0.0, distance(neck, pelvis)),
+        shoulder=(0.0, 0.5 * distance(*shoulders), distance(middle_of(joints, "shoulder"), pelvis)),
+        hip=(0.0, 0.5 * distance(*hips), 0.0), head=(0.0, 0.0, distance(head, neck)),
     )  # fmt: skip
 
 
@@ -282,8 +283,8 @@ def _fitted_pose(skeleton: Skeleton, joints: FloatArray) -> FloatArray:
     """Return the pose (P,) that fits joints (J, 3), m, by repeated steps within the limits from a neutral pose that
     faces as the hips do."""
     pose = np.zeros((1, len(skeleton.dof_names)))
-    across = joints[JOINT_NAMES.index("left_hip")] - joints[JOINT_NAMES.index("right_hip")]
-    pose[0, :N_POSITION] = joints[JOINT_NAMES.index("pelvis")]
+    across = joint_of(joints, "left_hip") - joint_of(joints, "right_hip")
+    pose[0, :N_POSITION] = joint_of(joints, "pelvis")
     pose[0, skeleton.dof("root_heading")] = np.arctan2(-across[0], across[1])
     for _ in range(_FITS):
         pose = np.clip(refine(skeleton, pose, joints[None]), *skeleton.limits.T)

@@ -310,9 +310,8 @@ class MultiView:
         if not self._only_visible or not self._target or any(video.keypoints for video in self._sources):
             return np.flatnonzero((numbers >= span[0]) & (numbers <= span[1]))
         detected = np.unique(np.concatenate([joints.detected_frames for joints in self._target.values()]))
-        return np.flatnonzero(
-            np.isin(numbers, visible_frames(", ".join(self._names), detected, span, self._times.rate_hz))
-        )
+        visible = visible_frames(", ".join(self._names), detected, span, self._times.rate_hz)
+        return np.flatnonzero(np.isin(numbers, visible))
 
     @cached_property
     def _true_joints(self) -> FloatArray | None:
@@ -327,9 +326,8 @@ class MultiView:
             raise InputError(f"{self._truth}: expected markers in some of the {len(numbers)} frames used, found none")
         if any(self._truth_axes[1:]):
             return centres
-        return in_axes_of_cameras(
-            self._truth, centres, [self._pixels(name, joints) for name, joints in self._target.items()]
-        )
+        detections = [self._pixels(name, joints) for name, joints in self._target.items()]
+        return in_axes_of_cameras(self._truth, centres, detections)
 
     def _pixels(self, name: str, joints: JointAnnotations) -> tuple[Camera, FloatArray]:
         """Return a camera and the target's detections (F, J, 2), NaN where missing."""

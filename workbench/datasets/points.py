@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.limbs import Body
 from workbench.cameras.camera import Camera
 from workbench.core.capabilities import ALL_JOINTS, IMAGES, POINTS, START, Traits, component_traits
 from workbench.core.checks import BELOW_1, at_least
@@ -111,14 +110,11 @@ class Points(Scene):
         """The camera with calibration errors, by which points are transformed to the world."""
         return self.miscalibrated(self.true_camera, self.sequence.motion)
 
-    def _subject(self, i: int) -> Body:
-        """Return the rendered body of frame i."""
-        return self.sequence.subject.at((self.first_frame + i) / self.rate_hz)
-
     def _points(self, i: int) -> FloatArray:
         """Return the points (K, 3) of frame i, in random order."""
         rng = stream(self.seed, "points", i)
-        camera, body, pose = self.true_camera, self._subject(i), self.sequence.motion.poses[i]
+        camera, pose = self.true_camera, self.sequence.motion.poses[i]
+        body = self.sequence.subject.at((self.first_frame + i) / self.rate_hz)
         n_outliers = int(rng.binomial(self.n_points, self.outlier_fraction))
         surface = visible_points(body, pose, camera, self.n_points - n_outliers, rng)
         if self.occluder_width_m > 0.0:

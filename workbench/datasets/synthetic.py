@@ -204,7 +204,8 @@ class Synthetic(Scene):
         scene, images = render.RenderedScene(body, camera, texture, background), []
         occluder = None
         if self.occluder:
-            occluder = passing_occluder(self._joint_pixels, self.rate_hz, stream(self.seed, "occluder"))
+            pixels = camera.project(joints(body.skeleton, self._used_motion.poses))
+            occluder = passing_occluder(pixels, self.rate_hz, stream(self.seed, "occluder"))
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         for i, pose in enumerate(poses):
             frame_scene = self._subject.scene_at(scene, (self.first_frame + i) / self.rate_hz)
@@ -213,19 +214,11 @@ class Synthetic(Scene):
             images.append(render.with_noise(image, self.noise_std, sensor))
         return np.stack(images)
 
-    @property
-    def _joint_pixels(self) -> FloatArray:
-        """Projections of the joints, (F, J, 2), px."""
-        return self.true_camera.project(joints(self._subject.body.skeleton, self._used_motion.poses))
-
     def _key(self) -> str:
         unseen, camera = ["data", "cache", "calibration_file", "keypoint_sigma_px"], self.true_camera
         unseen += ["neck_and_feet"] if self._subject_has_feet else []
-        calibration = (camera.matrix, camera.rotation, camera.translation, camera.distortion)
-        size = np.array([camera.width, camera.height])
-        return image_key(
-            self, unseen, code_digest(render, subjects, surroundings), self._used_motion, *calibration, size
-        )
+        code = code_digest(render, subjects, surroundings)
+        return image_key(self, unseen, code, self._used_motion, camera.row)
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:

@@ -157,10 +157,9 @@ class Video:
         repetitions = {} if self._people is None else self.repetitions(self._used)
         return SequenceInfo(
             name=self.path.name, n_frames=len(self._used), rate_hz=self.times.rate_hz, scale=self.scale,
-            source_rate_hz=self._rate_in_file,
+            source_rate_hz=None if self.rate_hz is None else rate_in_file(self.path, self._timestamps_s, self.rate_hz),
             cameras=(self.source_camera.scaled(self.scale),), initial_annotations=self._initial_annotations(),
-            has_keypoints=bool(np.isin(annotated, self._used).any()),
-            input_counts={**input_counts, **repetitions},
+            has_keypoints=bool(np.isin(annotated, self._used).any()), input_counts={**input_counts, **repetitions},
             camera_motion=None if self.motion is None else self.motion.kind,
             video=self.path if self._frames_are_images else None,
         )  # fmt: skip
@@ -225,11 +224,6 @@ class Video:
         if self.rate_hz is not None:
             return given_times(self.rate_hz)
         return frame_times(self.path, self._timestamps_s)
-
-    @cached_property
-    def _rate_in_file(self) -> float | None:
-        """Rate of the source's frames by its timestamps, where rate_hz is set."""
-        return None if self.rate_hz is None else rate_in_file(self.path, self._timestamps_s, self.rate_hz)
 
     @cached_property
     def _timestamps_s(self) -> FloatArray:

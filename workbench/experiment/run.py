@@ -106,8 +106,9 @@ def run_checked(config: DictConfig, summary: Summary, quiet: bool, command: Comm
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     with _thread_count(config.n_threads), single_blas_thread(), compiling(quiet):
         if config.study is None:
-            _add_assumptions(config)
-            summary.assumptions = list(config.assumptions)
+            summary.assumptions = assumptions(config)
+            log.info("assumptions: %s", ", ".join(summary.assumptions) or "nothing")
+            OmegaConf.update(config, "assumptions", summary.assumptions, force_add=True)
         summary.settings = _plain(config)
         if config.study is not None:
             _study(config, summary)
@@ -136,13 +137,6 @@ def _check(config: DictConfig, names: Mapping[str, str]) -> None:
 def _plain(config: DictConfig) -> dict[str, Any]:
     plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     return plain
-
-
-def _add_assumptions(config: DictConfig) -> None:
-    """Set the side information that the run uses in the configuration, and log it."""
-    used = assumptions(config)
-    log.info("assumptions: %s", ", ".join(used) or "nothing")
-    OmegaConf.update(config, "assumptions", used, force_add=True)
 
 
 def _track(config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, stop: _Stop | None) -> None:

@@ -16,16 +16,15 @@ cyclically, which preserves handedness."""
 class MotionClip:
     """F frames of a skeleton of K joints, in the workbench's world: right-handed, z up, metres.
 
-    name : the file's, without its extension. first_frame : the number of the first frame in the file. joints : K names,
-    parents before children. parents : (K,), -1 for the root. offsets : (K, 3), a joint's rest position in its parent's
-    frame. rotations : (F, K, 3, 3), from a joint's frame to its parent's (of the root: to the world). positions :
-    (F, K, 3), every joint in the world by forward kinematics. If the file translates a joint within its parent's frame,
-    the positions include the translation and the offsets are those at rest.
+    name : the file's, without its extension. joints : K names, parents before children. parents : (K,), -1 for the
+    root. offsets : (K, 3), a joint's rest position in its parent's frame. rotations : (F, K, 3, 3), from a joint's
+    frame to its parent's (of the root: to the world). positions : (F, K, 3), every joint in the world by forward
+    kinematics. If the file translates a joint within its parent's frame, the positions include the translation and the
+    offsets are those at rest.
     """
 
     name: str
     rate_hz: float
-    first_frame: int
     joints: tuple[str, ...]
     parents: IntArray
     offsets: FloatArray

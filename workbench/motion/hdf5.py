@@ -78,9 +78,8 @@ def contents(path: Path) -> dict[str, AnyArray]:
                     numbers = item.dtype.kind in "biuf" and item.shape is not None
                     text = h5py.check_string_dtype(item.dtype) and item.shape == ()
                     arrays[place] = np.asarray(item[()] if numbers else item.asstr()[()] if text else OTHER)
-    packed = json.dumps(
-        attributes, default=lambda value: getattr(value, "tolist", lambda: None)()
-    )  # None: no number or text
+    # None: neither a number nor a text
+    packed = json.dumps(attributes, default=lambda value: getattr(value, "tolist", lambda: None)())
     return arrays | {_ATTRIBUTES: np.array(packed)}
 
 

@@ -16,7 +16,7 @@ import scipy
 from workbench.body.angles import wrapped
 from workbench.body.kinematics import joint_jacobian, joints
 from workbench.body.shape import Shape, from_height
-from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, person_skeleton
+from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, joint_of, person_skeleton
 from workbench.motion.clip import MotionClip
 from workbench.motion.formats.joint_names import skeleton_joints
 from workbench.motion.pose_sequence import Motion
@@ -158,8 +158,7 @@ def joint_targets(clip: MotionClip, landmarks: Landmarks) -> FloatArray:
         )
     positions = {joint: clip.positions[:, clip.joint(source)] for joint, source in landmarks.joints.items()}
     joint, child, fraction = landmarks.head
-    offset = fraction * clip.offsets[clip.joint(child)]
-    offset = offset + np.asarray(landmarks.head_offset)
+    offset = fraction * clip.offsets[clip.joint(child)] + np.asarray(landmarks.head_offset)
     positions["head_centre"] = clip.positions[:, clip.joint(joint)] + clip.orientations[:, clip.joint(joint)] @ offset
     positions["pelvis"] = 0.5 * (positions["left_hip"] + positions["right_hip"])
     return np.stack([positions[name] for name in JOINT_NAMES], axis=1)
@@ -215,14 +214,9 @@ def estimated_landmarks(clip: MotionClip, names: Mapping[str, str] | None = None
     legs = ("left_hip", "left_knee"), ("left_knee", "left_ankle")
     height = sum(float(np.linalg.norm(at[a] - at[b], axis=-1).mean()) for a, b in legs) / _LEG
     raised = 0.06 * height if joint == head else 0.0
+    head_offset = up[0] * raised, up[1] * raised, up[2] * raised
     joints_only = {name: found[name] for name in JOINT_NAMES if name not in ("pelvis", "head_centre")}
-    return Landmarks(
-        "its names", joints_only, (joint, head, float(joint != head)), up, lefts, _times(up, raised), bones
-    )
-
-
-def _times(vector: Vector, factor: float) -> Vector:
-    return vector[0] * factor, vector[1] * factor, vector[2] * factor
+    return Landmarks("its names", joints_only, (joint, head, float(joint != head)), up, lefts, head_offset, bones)
 
 
 def _in_frame(clip: MotionClip, joint: str, vectors: FloatArray) -> Vector:
@@ -286,7 +280,7 @@ def _fit_torso(targets: FloatArray) -> _Torso:
     The initial frame of reference has z from the pelvis to the neck and y along the hips and the shoulders.
     """
     points = targets[:, [JOINT_NAMES.index(name) for name in TORSO_JOINTS]]
-    pelvis = targets[:, JOINT_NAMES.index("pelvis")]
+    pelvis = joint_of(targets, "pelvis")
     across = points[:, 1] - points[:, 2] + points[:, 3] - points[:, 4]
     rotations = _frame(points[:, 0] - pelvis, across)
     for _ in range(10):  # converges to micrometres in four or five iterations
@@ -313,7 +307,7 @@ def _shape(clip: MotionClip, targets: FloatArray, neck_frames: FloatArray, torso
         return float(np.linalg.norm(targets[:, ends[0]] - targets[:, ends[1]], axis=-1).mean())
 
     neck, shoulder, hip = torso_joints[0], torso_joints[1], torso_joints[3]
-    head = targets[:, JOINT_NAMES.index("head_centre")] - targets[:, JOINT_NAMES.index("neck")]
+    head = joint_of(targets, "head_centre") - joint_of(targets, "neck")
     head = np.einsum("fba,fb->fa", neck_frames, head).mean(axis=0)
     thigh, calf, average = length("hip", "knee"), length("knee", "ankle"), from_height(1.0)
     average_stack = average.thigh + average.calf + average.neck[2] + average.head[2]

@@ -242,17 +242,17 @@ def find_clip(data: str | Path, name: str) -> Path:
     return file
 
 
-def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = "walk") -> list[Path]:
-    """Return the AMC files of CMU subjects, e.g. ("02", "35"), or of all (None), in the order of the index.
+def cmu_clips(data: str | Path, subjects: Sequence[str] | None) -> list[Path]:
+    """Return the AMC files of walks of CMU subjects, e.g. ("02", "35"), or of all (None), in the order of the index.
 
-    data : the folder with cmu/, which has index.csv and a folder per subject. activity : as in the index. Raises
-    InputError if the index, a file or all of a subject's clips of this activity are missing.
+    data : the folder with cmu/, which has index.csv and a folder per subject. Raises InputError if the index, a file or
+    all of a subject's walks are missing.
     """
     folder = Path(data) / "cmu"
-    rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == activity]
+    rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == "walk"]
     subjects = sorted({row.subject for row in rows}) if subjects is None else subjects
     if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
-        raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} with activity {activity!r}")
+        raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} with activity 'walk'")
     clips = [folder / row.subject / f"{row.clip}.amc" for row in rows if row.subject in subjects]
     if missing := [clip for clip in clips if not clip.is_file()]:
         raise InputError(f"{missing[0]}: no such file, but the index lists it")

@@ -241,8 +241,8 @@ def _motion_model(model: WalkingModel) -> ActivityModel:
     return ActivityModel(
         angles=CHANNEL_NAMES[ANGLES], mean=model.mean[:, ANGLES], components=model.components[:, :, ANGLES],
         scales=model.scales, explained=np.array([model.explained]), scores=np.zeros((3, len(model.scales))),
-        activities=("cycle",) * 3, sources=("",) * 3,
-        cycle_rate_hz=mean_hz + std_hz * np.array([-2.0, 0.0, 2.0]), discrepancy=model.discrepancy,
+        activities=("cycle",) * 3, cycle_rate_hz=mean_hz + std_hz * np.array([-2.0, 0.0, 2.0]),
+        discrepancy=model.discrepancy,
     )  # fmt: skip
 
 

@@ -147,11 +147,6 @@ def test_frames_of_a_constant_step_are_complete():
     assert with_missing_frames(sparse) is sparse
 
 
-def test_units_that_opensim_lacks_are_rejected():
-    with pytest.raises(ValueError, match="mm or m"):
-        trc_text("walk.trc", JOINT_NAMES, track().positions, 25.0, "cm")
-
-
 def test_a_table_has_named_columns_of_joints_and_poses():
     exported = track()
     exported.positions[2, 3] = np.nan

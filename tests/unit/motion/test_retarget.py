@@ -32,7 +32,7 @@ def own_clip(skeleton, poses):
     parents = np.maximum(skeleton.parents, 0)
     rotations = frames.rotations[:, parents].swapaxes(-1, -2) @ frames.rotations
     rotations[:, 0] = frames.rotations[:, 0]
-    return MotionClip("own", 100.0, 1, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
+    return MotionClip("own", 100.0, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
                       frames.positions)  # fmt: skip
 
 
@@ -83,7 +83,7 @@ def cmu_at_rest():
         positions[k] = (positions[parent] if parent >= 0 else 0.0) + offsets[k]
     rotations = np.broadcast_to(np.eye(3), (2, len(names), 3, 3)).copy()
     positions = np.stack([positions, positions])
-    return MotionClip("rest", 120.0, 1, names, parents, offsets, rotations, positions)
+    return MotionClip("rest", 120.0, names, parents, offsets, rotations, positions)
 
 
 def test_cmu_rest_pose_in_closed_form():

@@ -15,6 +15,7 @@ import scipy
 
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
+from workbench.body.skeleton import without_side
 from workbench.cameras.camera import Camera
 from workbench.utils.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
@@ -134,7 +135,7 @@ def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Text
     spectrum = np.fft.rfftn(rng.standard_normal((n, n, n))) * np.exp(-((octaves / 0.8) ** 2))
     volume = np.fft.irfftn(spectrum, s=(n, n, n), axes=(0, 1, 2))
     shirt, trousers, skin = rng.uniform(80, 190), rng.uniform(50, 130), rng.uniform(150, 200)
-    names = [name.removeprefix("left_").removeprefix("right_") for name in body.limbs.names]
+    names = [without_side(name) for name in body.limbs.names]
     return Texture(
         volume=(volume / volume.std()).astype(np.float32),
         offsets=rng.uniform(0.0, n, (len(names), 3)),

@@ -15,7 +15,7 @@ import numpy as np
 
 from workbench.body.limbs import Body, Limbs, person, with_neck_and_feet
 from workbench.body.shape import Shape
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.skeleton import JOINT_NAMES, without_side
 from workbench.datasets.rendering.render import VOXEL_M, RenderedScene
 from workbench.motion.synthetic.gait import ANKLE_HEIGHT
 from workbench.utils.arrays import FloatArray, IntArray
@@ -194,16 +194,11 @@ def _perturbed_radii(body: Body, size: float, rng: np.random.Generator) -> tuple
     radii = limbs.radii.copy()
     for k, name in enumerate(limbs.names):
         drawn = rng.uniform(1.0 - size, 1.0 + size, 2)
-        plain = _without_side(name)
+        plain = without_side(name)
         if plain != "head":
             drawn = np.full(2, drawn[0]) if limbs.spheres[k] else drawn
             radii[k] *= factors.setdefault(f"radius_{plain}", drawn)
     return replace(body, limbs=replace(limbs, radii=radii)), factors
-
-
-def _without_side(name: str) -> str:
-    """Return a limb's name without its side."""
-    return name.removeprefix("left_").removeprefix("right_")
 
 
 def _with_neck_and_feet(body: Body) -> Body:
@@ -236,7 +231,7 @@ def _profiled(limbs: Limbs, size: float) -> tuple[Limbs, IntArray, FloatArray]:
     whole, ends, radii = [], [], []
     for k, name in enumerate(limbs.names):
         bare = any(word in name.lower() for word in _BARE) or limbs.spheres[k]
-        table = ((0.0, 1.0), (1.0, 1.0)) if bare else _PROFILES.get(_without_side(name), _OTHER_PROFILE)
+        table = ((0.0, 1.0), (1.0, 1.0)) if bare else _PROFILES.get(without_side(name), _OTHER_PROFILE)
         place, *factors = np.array(table).T
         linear = limbs.radii[k, 0] + place[:, None] * (limbs.radii[k, 1] - limbs.radii[k, 0])
         rings = linear * (1.0 + size * (np.stack(factors, axis=1) - 1.0))

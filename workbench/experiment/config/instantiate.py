@@ -17,20 +17,10 @@ from workbench.utils.input_path import InputPath
 from workbench.utils.signals import deferred
 
 PLAIN = (str, int, float, bool)
-_LIVE = frozenset(
-    {
-        "config_yaml",
-        "frames_hz",
-        "likelihood",
-        "phase_ends",
-        "prior",
-        "provenance",
-        "run_id",
-        "settings",
-        "uninformative_metrics",
-        "camera_turns",
-    }
-)
+_LIVE = frozenset({
+    "config_yaml", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings",
+    "uninformative_metrics", "camera_turns",
+})  # fmt: skip
 """Parameters that the run fills with live objects and that are no configuration keys.
 
 So are parameters of these types: functions, arrays, paths, and the classes of `body` and `core`."""

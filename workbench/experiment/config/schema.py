@@ -271,17 +271,14 @@ class ComponentSource(ConfigSource):
         layers = list(settings.items())
         layers += [(name, layer.get(LITERAL, {})) for name, layer in layers] if LITERAL in chosen else []
         for name, layer in layers:
+            source = f"In 'experiment/{name}': {IF_CHOSEN}:"
             for place, keys in ((str(place), keys) for place, keys in layer.items()):
                 group, _, option = place.partition(".")
                 unknown = group not in options.GROUPS or self._find(f"{group}/{option}") is None
                 if unknown and place not in (LITERAL, STUDY):
-                    raise ConfigCompositionException(
-                        f"In 'experiment/{name}': {IF_CHOSEN}: there is no component {place}"
-                    )
+                    raise ConfigCompositionException(f"{source} there is no component {place}")
                 if not isinstance(keys, DictConfig):
-                    raise ConfigCompositionException(
-                        f"In 'experiment/{name}': {IF_CHOSEN}: {place}: expected keys and values, found {keys}"
-                    )
+                    raise ConfigCompositionException(f"{source} {place}: expected keys and values, found {keys}")
                 if place == STUDY or (place != LITERAL and place in chosen):
                     merged.merge_with({group: keys})
         return merged

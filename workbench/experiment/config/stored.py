@@ -66,13 +66,8 @@ def runnable_config(
         raise InputError(f"{run.path}: {error}") from None
     folders = {name: str(current.paths[name]) for name in ("data", "cache") if current.paths[name]}
     folders |= _own_inputs(run)
-    moved = {
-        **dict.fromkeys(GROUPS),
-        "seed": 0,
-        **_relocated(settings, settings.get("paths"), folders),
-        "n_threads": None,
-    }
-    moved["paths"] = {"data": folders.get("data"), "cache": folders.get("cache")}
+    moved = {**dict.fromkeys(GROUPS), "seed": 0, **_relocated(settings, settings.get("paths"), folders)}
+    moved |= {"n_threads": None, "paths": {"data": folders.get("data"), "cache": folders.get("cache")}}
     if "stream" in (moved["recorder"] or {}):
         moved["recorder"]["stream"] = False
     moved.setdefault("check", OmegaConf.to_container(current.check))
@@ -112,9 +107,8 @@ def _relocated(value: Any, recorded: object, folders: Mapping[str, str]) -> Any:
     """Return the value with the user's folders in place of the recorded ones, as far as the user has set them."""
     if isinstance(value, Mapping):
         moved = {key: _relocated(item, recorded, folders) for key, item in value.items()}
-        return moved | (
-            {"cache": folders["cache"]} if "cache" in moved else {}
-        )  # the only folder that components write to
+        # the cache is the only folder that components write to
+        return moved | ({"cache": folders["cache"]} if "cache" in moved else {})
     if isinstance(value, list):
         return [_relocated(item, recorded, folders) for item in value]
     for name, folder in folders.items():

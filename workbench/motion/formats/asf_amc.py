@@ -146,15 +146,15 @@ def read_amc(
     if rate_hz is None:
         log.warning("%s: an AMC file has no rate; read at %g Hz, that of the CMU database (rate_hz)", path, CMU_HZ)
     sizes = {joint: n for joint, each in channels.items() if (n := len(each))}
-    first, step, frames = _regular(path, _frames(path, rows[n_keywords:], sizes))
+    step, frames = _regular(path, _frames(path, rows[n_keywords:], sizes))
     rate_hz = check_rate(f"{path}: the rate", CMU_HZ if rate_hz is None else rate_hz) / step
     values = np.array([[value for bone in sizes for value in frame[bone]] for frame in frames])
-    return _clip(path, skeleton, rate_hz, first, last_values(path, values), degrees, unit, up)
+    return _clip(path, skeleton, rate_hz, last_values(path, values), degrees, unit, up)
 
 
 def _clip(
-    path: Path, skeleton: _AsfSkeleton, rate_hz: float, first: int, values: FloatArray, degrees: bool,
-    unit: str | None, up: str | None,
+    path: Path, skeleton: _AsfSkeleton, rate_hz: float, values: FloatArray, degrees: bool, unit: str | None,
+    up: str | None,
 ) -> MotionClip:  # fmt: skip
     """Return the clip of the channels' values (F, C), bone after bone."""
     n, column = len(values), 0
@@ -173,9 +173,8 @@ def _clip(
                 displaced = np.stack([channels[channel] for channel in _TRANSLATIONS], axis=-1)
                 translations[:, 0] = skeleton.position + displaced
     return person_clip(
-        path, rate_hz, first, skeleton.joints, skeleton.parents, offsets, rotations, translations, skeleton.unit, unit,
-        up,
-    )  # fmt: skip
+        path, rate_hz, skeleton.joints, skeleton.parents, offsets, rotations, translations, skeleton.unit, unit, up
+    )
 
 
 def _skeleton_file(path: Path) -> Path:
@@ -219,9 +218,9 @@ def _frames(path: Path, rows: Iterable[Statement], sizes: dict[str, int]) -> dic
     }
 
 
-def _regular(path: Path, frames: dict[int, dict[str, list[float]]]) -> tuple[int, int, list[dict[str, list[float]]]]:
-    """Return the first frame's number, the usual step between numbers, and the frames at this step; those that are
-    missing have NaN. Raises InputError for no frames."""
+def _regular(path: Path, frames: dict[int, dict[str, list[float]]]) -> tuple[int, list[dict[str, list[float]]]]:
+    """Return the usual step between the frames' numbers, and the frames at this step; those that are missing have NaN.
+    Raises InputError for no frames."""
     if not frames:
         fail(path, 1, "expected frames, found none")
     numbers_ = np.array(list(frames))
@@ -232,7 +231,7 @@ def _regular(path: Path, frames: dict[int, dict[str, list[float]]]) -> tuple[int
     check_number(path, "frames", len(wanted), MAX_FRAMES)
     empty = {bone: [np.nan] * len(values) for bone, values in frames[int(numbers_[0])].items()}
     check_number(path, "values", len(wanted) * sum(map(len, empty.values())), input_limits.MAX_VALUES)
-    return wanted[0], step, [frames.get(number, empty) for number in wanted]
+    return step, [frames.get(number, empty) for number in wanted]
 
 
 def _properties(section: Iterable[Statement]) -> _Properties:
@@ -295,12 +294,8 @@ def _bone(path: Path, name: str, block: _Properties, degrees: bool) -> _Bone:
     (length,) = numbers(path, *block["length"], 1, f"the length of {name}")
     size = float(np.linalg.norm(direction))
     if length < 0.0 or not isclose(size, 1.0, abs_tol=1e-3):  # printed with six digits
-        fail(
-            path,
-            line,
-            f"expected a direction of length 1 and a length, not negative, of bone {name}, found "
-            f"{size:.4g} and {length:g}",
-        )
+        expected = f"a direction of length 1 and a length, not negative, of bone {name}"
+        fail(path, line, f"expected {expected}, found {size:.4g} and {length:g}")
     axis_line, words = block["axis"]
     order = _axis_order(path, axis_line, " ".join(words[3:]))
     axis = numbers(path, axis_line, words[:3], 3, f"the axis of {name}")

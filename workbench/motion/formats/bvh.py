@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from workbench.body.angles import N_POSITION
 from workbench.body.skeleton import Skeleton
 from workbench.body.units import UNITS
 from workbench.motion.clip import FILE_FROM_WORLD, MotionClip
@@ -42,7 +43,6 @@ _POSITIONS = ("Xposition", "Yposition", "Zposition")
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
 _COMMENT = re.compile(r"\s*(#|$)")  # or a blank line
 _DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
-_N_POSITIONS = 3
 
 
 @dataclass
@@ -57,7 +57,7 @@ class _Joint:
 def read_bvh(
     path: str | Path, unit: str | None = None, up: str | None = None, landmarks: Mapping[str, str] | None = None
 ) -> MotionClip:
-    """Return the clip of a BVH file; frames count from 1.
+    """Return the clip of a BVH file.
 
     A joint has rotation channels, position channels or both, in any order, or none; its rotation is intrinsic, in the
     order of its channels. Positions replace the joint's offset (of the root too, whose offset is zero in most files).
@@ -81,7 +81,7 @@ def read_bvh(
     rate_hz, values = _read_motion(path, lines, line, sum(len(joint.channels) for joint in joints))
     names, parents, columns = _person(path, joints, landmarks)
     offsets, rotations, translations = _local_motion([joints[k] for k in columns], list(columns.values()), values)
-    return person_clip(path, rate_hz, 1, names, parents, offsets, rotations, translations, "cm", unit, up, landmarks)
+    return person_clip(path, rate_hz, names, parents, offsets, rotations, translations, "cm", unit, up, landmarks)
 
 
 def _person(
@@ -95,10 +95,8 @@ def _person(
     for start, end in zip(starts, [*starts[1:], len(joints)], strict=True):
         names = tuple(joint.name for joint in joints[start:end])
         parents = [joint.parent - start if joint.parent >= 0 else -1 for joint in joints[start:end]]
-        n_found = (
-            len(skeleton_joints(names, parents)) if landmarks is None else len(set(landmarks.values()) & set(names))
-        )
-        people.append((n_found, names, np.array(parents), {k: firsts[k] for k in range(start, end)}))
+        found = skeleton_joints(names, parents) if landmarks is None else set(landmarks.values()) & set(names)
+        people.append((len(found), names, np.array(parents), {k: firsts[k] for k in range(start, end)}))
     _, names, parent_array, columns = max(people, key=lambda person: person[0])
     if len(people) > 1:
         log.warning("%s: %d roots; read is %s with its %d joints", path, len(people), names[0], len(names))
@@ -246,14 +244,12 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
     A joint's channels are its angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
     multiplies a joint's rotations outermost first. Angles are not converted, so they stay continuous and no pose is
     singular. A joint with fewer than three rotations gets zero channels, since readers expect three. A joint without
-    children becomes the End Site of its parent, without a name. Raises ValueError for another unit, or a joint with
-    rotation axes other than different axes of its frame.
+    children becomes the End Site of its parent, without a name. Raises ValueError for a joint with rotation axes other
+    than different axes of its frame.
     """
-    if unit not in ("cm", "m"):
-        raise ValueError(f"the unit of a BVH file must be cm or m, found {unit!r}")
     hierarchy, columns = _branch(skeleton, 0, PER_METRE[unit], depth=0)
     signs = skeleton.dof_axes.sum(axis=1)  # of axes ±x, ±y, ±z; +1 for positions
-    scales = np.where(np.arange(len(signs)) < _N_POSITIONS, PER_METRE[unit], np.rad2deg(1.0) * signs)
+    scales = np.where(np.arange(len(signs)) < N_POSITION, PER_METRE[unit], np.rad2deg(1.0) * signs)
     padded = np.hstack([poses * scales, np.zeros((len(poses), 1))])  # column -1: a rotation that the joint lacks
     values = np.round(padded[:, columns], _DIGITS) + 0.0  # no "-0.000000"
     rows = [" ".join([f"{value:.{_DIGITS}f}" for value in row]) for row in values.tolist()]
@@ -293,7 +289,7 @@ def _joint_channels(skeleton: Skeleton, joint: int) -> tuple[list[str], list[int
     for column in np.flatnonzero(skeleton.dof_joints == joint).tolist():
         axis = np.abs(skeleton.dof_axes[column])
         letter = "XYZ"[FILE_FROM_WORLD.index(int(np.argmax(axis)))]
-        if column < _N_POSITIONS:
+        if column < N_POSITION:
             positions[f"{letter}position"] = column
         elif axis.max() == axis.sum() == 1.0 and f"{letter}rotation" not in rotations:
             rotations[f"{letter}rotation"] = column

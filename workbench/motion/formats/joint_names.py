@@ -156,7 +156,7 @@ def _matches(index: Mapping[str, int], parents: Sequence[int], given: Mapping[st
         joints = [f"{side}_{part}" for part in limb]
         choices = [[given[joint]] if joint in given else _candidates(index, side, part)
                    for joint, part in zip(joints, limb, strict=True)]  # fmt: skip
-        choices[2] = choices[2] or [end for k in choices[1] for end in _children(parents, k) if _is_end(parents, end)]
+        choices[2] = choices[2] or [end for k in choices[1] for end in _children(parents, k) if end not in parents]
         chains = [chain for chain in product(*choices) if _descends(parents, chain)]
         if chains:
             found |= dict(zip(joints, chains[0], strict=True))
@@ -167,7 +167,7 @@ def _matches(index: Mapping[str, int], parents: Sequence[int], given: Mapping[st
     if necks:
         found.setdefault("neck", necks[0])
     if "neck" in found:
-        heads += [end for end in _children(parents, found["neck"]) if _is_end(parents, end)]
+        heads += [end for end in _children(parents, found["neck"]) if end not in parents]
     if heads:
         found.setdefault("head_centre", heads[0])
     return found
@@ -182,10 +182,6 @@ def _candidates(index: Mapping[str, int], side: str, part: str) -> list[int]:
 
 def _children(parents: Sequence[int], joint: int) -> list[int]:
     return [k for k, parent in enumerate(parents) if parent == joint]
-
-
-def _is_end(parents: Sequence[int], joint: int) -> bool:
-    return joint not in parents
 
 
 def _descends(parents: Sequence[int], chain: Sequence[int]) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.body.angles import N_POSITION
 from workbench.body.skeleton import Skeleton
 from workbench.motion.formats.bvh import PER_METRE, bvh_text
 from workbench.motion.formats.c3d import check_c3d_installed, write_c3d
@@ -20,7 +21,6 @@ log = logging.getLogger(__name__)
 
 SUFFIXES = (".bvh", ".trc", ".csv", ".c3d", ".mot")
 _TRC_DIGITS = {"mm": 4, "m": 7}  # a tenth of a micrometre
-_N_POSITIONS = 3
 _ONE_RATE = (".bvh", ".trc", ".c3d")
 _ROUNDING_S = 1e-3
 """Largest deviation of a constant rate's timestamps, which Matroska rounds to whole milliseconds."""
@@ -162,10 +162,8 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
     an empty one, then one line per frame: its number from 1, its time, and x, y, z of every marker, separated by tabs.
     The axes are OpenSim's, as those of MOT files: x ahead where the world has x, y up, z to the right. A missing joint
     (NaN) is three empty cells.
-    file_name : in the header. names : J, without blanks. unit : "mm" or "m". Raises ValueError for another unit.
+    file_name : in the header. names : J, without blanks. unit : "mm" or "m".
     """
-    if unit not in _TRC_DIGITS:
-        raise ValueError(f"the unit of a TRC file must be mm or m, found {unit!r}")
     n, rate = len(positions), f"{rate_hz:.10g}"
     header = {
         "DataRate": rate, "CameraRate": rate, "NumFrames": n, "NumMarkers": len(names), "Units": unit,
@@ -198,7 +196,7 @@ def csv_text(track: Track) -> str:
     values = [track.times_s[:, None], positions.reshape(len(track), -1)]
     if track.poses is not None:
         dofs = track.skeleton.dof_names
-        names += [f"{dof}_{'m' if column < _N_POSITIONS else 'rad'}" for column, dof in enumerate(dofs)]
+        names += [f"{dof}_{'m' if column < N_POSITION else 'rad'}" for column, dof in enumerate(dofs)]
         values.append(np.where(np.isin(dofs, track.undetermined), np.nan, track.poses))
     if track.bands:
         names += list(track.bands)
@@ -246,7 +244,7 @@ def at_one_rate(track: Track) -> Track:
     new_s = times_s[0] + interval_s * np.arange(n)
     poses = track.poses
     if poses is not None:
-        poses = np.column_stack([poses[:, :_N_POSITIONS], _unwrapped(poses[:, _N_POSITIONS:])])
+        poses = np.column_stack([poses[:, :N_POSITION], _unwrapped(poses[:, N_POSITION:])])
     return Track(
         track.skeleton, np.arange(n), new_s, _interpolated(times_s, track.positions, new_s),
         None if poses is None else _interpolated(times_s, poses, new_s), undetermined=track.undetermined,

@@ -24,8 +24,8 @@ _POSTURES = 200  # frames whose postures determine the unit and the vertical axi
 
 
 def person_clip(
-    path: Path, rate_hz: float, first_frame: int, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray,
-    rotations: FloatArray, translations: FloatArray, header: str | float, unit: str | None, up: str | None,
+    path: Path, rate_hz: float, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray, rotations: FloatArray,
+    translations: FloatArray, header: str | float, unit: str | None, up: str | None,
     landmarks: Mapping[str, str] | None = None,
 ) -> MotionClip:  # fmt: skip
     """Return the clip of a file's content.
@@ -48,10 +48,7 @@ def person_clip(
     check_places(f"clip {path.stem}", positions)
     offsets = axes.vectors(offsets * metres)
     first, end = _moving_rows(path, rate_hz, rotations, positions)
-    rows = slice(first, end)
-    return MotionClip(
-        path.stem, rate_hz, first_frame + first, joints, parents, offsets, rotations[rows], positions[rows]
-    )
+    return MotionClip(path.stem, rate_hz, joints, parents, offsets, rotations[first:end], positions[first:end])
 
 
 def _moving_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: FloatArray) -> tuple[int, int]:
@@ -65,10 +62,10 @@ def _moving_rows(path: Path, rate_hz: float, rotations: FloatArray, positions: F
         if n:
             what = f"the {which} {n} rows are" if n > 1 else f"the {which} row is"
             fastest = speeds[first : len(speeds) - last].max()
-            message = (
-                "%s: %s no motion: joints jump there at %.0f m/s, elsewhere they move at %.1f m/s at most; left out"
-            )
-            log.warning(message, path, what, speeds[jump], fastest)
+            log.warning(
+                "%s: %s no motion: joints jump there at %.0f m/s, elsewhere they move at %.1f m/s at most; left out",
+                path, what, speeds[jump], fastest,
+            )  # fmt: skip
     return first, len(rotations) - last
 
 

@@ -110,9 +110,8 @@ def gap_numbers(path: Path, line: int, words: Sequence[str], count: int, what: s
     """Return exactly `count` numbers, NaN for the words in MISSING; raises InputError for anything else."""
     if len(words) != count or MISSING.isdisjoint(map(str.lower, words)):
         return numbers(path, line, words, count, what)
-    measured = iter(
-        numbers(path, line, present := [word for word in words if word.lower() not in MISSING], len(present), what)
-    )
+    present = [word for word in words if word.lower() not in MISSING]
+    measured = iter(numbers(path, line, present, len(present), what))
     return [np.nan if word.lower() in MISSING else next(measured) for word in words]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from workbench.body.units import PERSON_M, UNITS, fits_person, is_person, unit_of_person
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.nan_statistics import nan_mean
 
 log = logging.getLogger(__name__)
 
@@ -73,9 +74,7 @@ def upward(points: Mapping[str, FloatArray]) -> FloatArray | None:
             at for name, at in points.items() if any(w in name.lower() for w in words) and "fib" not in name.lower()
         ]
         if places:
-            finite = np.isfinite(places)
-            with np.errstate(invalid="ignore"):
-                levels.append(np.where(finite, places, 0.0).sum(axis=0) / finite.sum(axis=0))
+            levels.append(nan_mean(np.array(places), axis=0))
     return None if len(levels) < 2 else levels[-1] - levels[0]
 
 

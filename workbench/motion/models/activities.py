@@ -32,8 +32,8 @@ class ActivityModel:
     angles : the C names of degrees of freedom. mean : (T, C), Θ₀ at phases 0, 1/T, …; periodic. components : (d, T, C),
     Θ_i, orthonormal over (T·C). scales : (d,), σ_i, the standard deviations of the coefficients over the examples.
     explained : (min(n, T·C),), the fraction of the variance in the first 1, 2, … components (eq. 7). scores : (n, d),
-    the coefficients α of every example, in units of the scales. activities, sources : n labels such as "walk", and
-    their clips. cycle_rate_hz : (n,), cycles per second of every example. discrepancy : on held-out subjects, if known.
+    the coefficients α of every example, in units of the scales. activities : n labels such as "walk". cycle_rate_hz :
+    (n,), cycles per second of every example. discrepancy : on held-out subjects, if known.
     """
 
     angles: tuple[str, ...]
@@ -43,7 +43,6 @@ class ActivityModel:
     explained: FloatArray
     scores: FloatArray
     activities: tuple[str, ...]
-    sources: tuple[str, ...]
     cycle_rate_hz: FloatArray
     discrepancy: Discrepancy | None = None
 
@@ -115,7 +114,7 @@ def learn_activities(
         angles=chosen.angles, mean=mean.reshape(n_phases, n_angles),
         components=basis[:d].reshape(d, n_phases, n_angles), scales=scales[:d], explained=explained,
         scores=(chosen.curves.reshape(n, -1) - mean) @ basis[:d].T / scales[:d], activities=cycles.activities,
-        sources=cycles.sources, cycle_rate_hz=1.0 / cycles.durations_s,
+        cycle_rate_hz=1.0 / cycles.durations_s,
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import scipy
 from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_CYCLE_S, Motion
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.nan_statistics import nan_mean
 
 MIN_NOISE = 1e-12
 """Lower bound of the noise as a fraction of the variance, so that an exact repetition has a finite ratio."""
@@ -20,6 +21,7 @@ REFINEMENT_STEPS = 6
 N_PHASES = 256
 N_KNOTS = 16
 MAX_ITERATIONS = 100
+TOLERANCE = 1e-6
 
 
 def snr(series: FloatArray, periods: Sequence[float] | FloatArray, summed: bool = False) -> FloatArray:
@@ -33,11 +35,7 @@ def snr(series: FloatArray, periods: Sequence[float] | FloatArray, summed: bool 
     ratios = snr_per_series(series, periods)
     if summed:
         return np.where(np.isfinite(ratios).any(axis=1), np.nansum(ratios, axis=1), np.nan)
-    roots = np.sqrt(ratios)
-    usable = np.isfinite(roots)
-    count = usable.sum(axis=1)
-    mean = np.where(usable, roots, 0.0).sum(axis=1) / np.maximum(count, 1)
-    return np.where(count > 0, mean**2, np.nan)
+    return nan_mean(np.sqrt(ratios), axis=1) ** 2
 
 
 def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) -> FloatArray:
@@ -58,8 +56,7 @@ def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) ->
         raise InputError(f"period: expected series (F, m) and periods of 2 samples or more, found {shapes}")
     valid = np.isfinite(series)
     n_valid = valid.sum(axis=0)
-    mean = np.where(valid, series, 0.0).sum(axis=0) / np.maximum(n_valid, 1)
-    centred = np.where(valid, series - mean, 0.0)
+    centred = np.where(valid, series - nan_mean(series, axis=0), 0.0)
     variation = (centred**2).sum(axis=0)
     samples = np.concatenate([valid, centred], axis=1)
     ratios = np.full((len(candidates), series.shape[1]), np.nan)
@@ -162,14 +159,12 @@ class CycleAlignment:
         return np.arange(n_frames) / self.periods[i] + self.offsets[i]
 
 
-def align(
-    sequences: Sequence[FloatArray], periods: Sequence[float] | FloatArray, tolerance: float = 1e-6
-) -> CycleAlignment:
+def align(sequences: Sequence[FloatArray], periods: Sequence[float] | FloatArray) -> CycleAlignment:
     """Return offsets that align sequences (F_i, m), NaN where missing, with periods (n,) in samples.
 
     From offsets of zero, (1) fit a periodic cubic regression spline with N_KNOTS knots to all folded, shifted data;
     (2) choose every offset with the smallest deviation from it; repeat until the error decreases by less than the
-    fraction `tolerance`. Both steps minimise the same sum, so that it never increases. A second initialisation uses the
+    fraction TOLERANCE. Both steps minimise the same sum, so that it never increases. A second initialisation uses the
     first sequence alone as reference, because sequences in opposite phase cancel in the paper's initial reference; the
     result with the smaller error is returned.
 
@@ -185,7 +180,7 @@ def align(
     spline = periodic_basis(np.arange(N_PHASES) / N_PHASES, N_KNOTS)
     all_sequences = _fit(spline, folded.counts.sum(axis=0), folded.totals.sum(axis=0))
     first_sequence = _fit(spline, folded.counts[0], folded.totals[0])
-    results = [_iterate(folded, spline, initial, tolerance) for initial in (all_sequences, first_sequence)]
+    results = [_iterate(folded, spline, initial) for initial in (all_sequences, first_sequence)]
     shifts, reference, errors = min(results, key=lambda result: result[2][-1])
     return CycleAlignment(periods, shifts / N_PHASES, reference * scale, np.array(errors))
 
@@ -212,9 +207,7 @@ def fit_periodic(basis: FloatArray, weights: FloatArray, values: FloatArray, rou
     return (np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right[:, :, None])[:, :, 0].T
 
 
-def _iterate(
-    folded: "_Folded", spline: FloatArray, reference: FloatArray, tolerance: float
-) -> tuple[IntArray, FloatArray, list[float]]:
+def _iterate(folded: "_Folded", spline: FloatArray, reference: FloatArray) -> tuple[IntArray, FloatArray, list[float]]:
     """Return shifts (n,) in phases, the reference (T, m), and the errors initially and after every iteration."""
     sequences = np.arange(len(folded.counts))
     shifts = np.zeros(len(sequences), dtype=np.int64)
@@ -232,7 +225,7 @@ def _iterate(
             break
         shifts, reference = moved, fitted
         errors.append(error)
-        if errors[-2] - error <= tolerance * errors[-2]:
+        if errors[-2] - error <= TOLERANCE * errors[-2]:
             break
     return shifts, reference, errors
 
@@ -265,10 +258,8 @@ def _standard_deviations(sequences: Sequence[FloatArray]) -> FloatArray:
     n_valid, variation = np.zeros(sequences[0].shape[1]), np.zeros(sequences[0].shape[1])
     for series in sequences:
         valid = np.isfinite(series)
-        n = valid.sum(axis=0)
-        mean = np.where(valid, series, 0.0).sum(axis=0) / np.maximum(n, 1)
-        n_valid += n
-        variation += (np.where(valid, series - mean, 0.0) ** 2).sum(axis=0)
+        n_valid += valid.sum(axis=0)
+        variation += (np.where(valid, series - nan_mean(series, axis=0), 0.0) ** 2).sum(axis=0)
     if not n_valid.all():
         raise InputError(f"alignment: angle {int(n_valid.argmin())} has no valid sample in any sequence")
     return np.where(variation > 0.0, np.sqrt(variation / n_valid), 1.0)

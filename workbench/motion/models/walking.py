@@ -11,6 +11,7 @@ import scipy
 from workbench.body.kinematics import joint_jacobian
 from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_skeleton
 from workbench.core.discrepancy import Discrepancy
+from workbench.motion.models.activities import min_components
 from workbench.motion.models.cycle_alignment import CycleAlignment, align, motion_period
 from workbench.motion.models.functional_pca import Slices, cut, fpca_paper, fpca_shrunk
 from workbench.motion.pose_sequence import MAX_CYCLE_S, MIN_CYCLE_S, Motion, gait_events
@@ -164,9 +165,8 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
     centred = ((cycles.curves - mean) * weights).reshape(m, -1)
     _, singular, rows = np.linalg.svd(centred, full_matrices=False)
     explained = np.cumsum(singular**2) / np.sum(singular**2)
-    maximum, d = min(m - 1, len(singular)), n_components
-    if d is None:
-        d = min(int(np.searchsorted(explained, variance, side="right")) + 1, maximum)
+    maximum = min(m - 1, len(singular))
+    d = min(min_components(explained, variance), maximum) if n_components is None else n_components
     if not 1 <= d <= maximum:
         raise InputError(f"prior: {m} cycles allow 1 to {maximum} components, found {d}")
     rates = 1.0 / cycles.durations_s

@@ -39,8 +39,7 @@ class Windows:
     C clips, in the order of their rows. firsts : (C,) the first row of each clip. scales : (m,) standard deviation of
     each channel, in its unit; √Σ of the paper. divisors : (m,) of the channels before the SVD, see `learn_windows`.
     mean : (d, m) Ψ̄ of the divided windows. basis : (d, m, b) Ũ. sigmas : (b,) σ_l, standard deviation of component l.
-    coefficients : (n, b) float32, *whitened*: c_i,l / σ_l. explained : fraction of the divided windows' variance in b
-    components.
+    coefficients : (n, b) float32, *whitened*: c_i,l / σ_l.
     """
 
     angles: tuple[str, ...]
@@ -57,7 +56,6 @@ class Windows:
     basis: FloatArray
     sigmas: FloatArray
     coefficients: Float32Array
-    explained: float
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -166,12 +164,12 @@ def learn_windows(
     spread = rows.std(axis=0, dtype=np.float64)
     scales = np.where(spread > 1e-9, spread, 1.0)  # a constant channel has no information
     divisors = scales if scaling == "deviations" else _frame_units(len(angles), include_root, rate_hz)
-    mean, basis, sigmas, explained = _principal_components(rows, ends, window_frames, divisors)
+    mean, basis, sigmas = _principal_components(rows, ends, window_frames, divisors)
     windows = Windows(
         angles=angles, include_root=include_root, rate_hz=rate_hz, rows=rows, ends=ends,
         clips=tuple(motion.name for motion in included), activities=tuple(motion.activity for motion in included),
         firsts=firsts[:-1], scales=scales, divisors=divisors, mean=mean, basis=basis, sigmas=sigmas,
-        coefficients=np.empty((0, len(sigmas)), dtype=np.float32), explained=explained,
+        coefficients=np.empty((0, len(sigmas)), dtype=np.float32),
     )  # fmt: skip
     return _with_coefficients(windows)
 
@@ -224,8 +222,8 @@ def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, updated:
 
 def _principal_components(
     rows: Float32Array, ends: IntArray, window_frames: int, divisors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return mean (d, m), basis (d, m, b), sigmas (b,) and the explained fraction of the variance.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean (d, m), basis (d, m, b) and sigmas (b,).
 
     They are computed from the covariance, dm × dm, rather than the equivalent SVD of dm × n numbers.
     """
@@ -244,8 +242,7 @@ def _principal_components(
     b = max(1, min(int(np.log2(len(ends))), rank))
     vectors = vectors[:, :b] * np.sign(vectors[np.abs(vectors[:, :b]).argmax(axis=0), np.arange(b)])
     uncentred_mean = mean.reshape(window_frames, -1) + centre / divisors
-    explained = float(variances[:b].sum() / variances.sum())
-    return uncentred_mean, vectors.reshape(window_frames, -1, b), np.sqrt(variances[:b]), explained
+    return uncentred_mean, vectors.reshape(window_frames, -1, b), np.sqrt(variances[:b])
 
 
 def _with_coefficients(windows: Windows) -> Windows:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import Shape, from_height
-from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
+from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton, without_side
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -122,8 +122,8 @@ def variation(average: GaitSubject, published: Mapping[str, GaitCurve], rng: np.
     offsets = {key: np.radians(curve.offset) * rng.uniform(-1.0, 1.0) for key, curve in published.items()}
     curves = average.curves.copy()
     for row, dof in enumerate(_ANGLE_NAMES):
-        curves[row, 1:] *= scales[_base_name(dof)]
-        curves[row, 0] += offsets[_base_name(dof)]
+        curves[row, 1:] *= scales[without_side(dof)]
+        curves[row, 0] += offsets[without_side(dof)]
     # individual variation: up to half a degree in each of the first four harmonics, per side
     harmonics = rng.uniform(-1.0, 1.0, (2, len(_ANGLE_NAMES), 4)) * np.radians(0.5)
     curves[:, 1:5] += harmonics[0] + 1j * harmonics[1]
@@ -254,7 +254,7 @@ def both_sides(published: Mapping[str, GaitCurve]) -> ComplexArray:
     """Return the curves (22, N_HARMONICS + 1) of a `GaitSubject`; the right side is half a cycle after the left."""
     half_cycle = np.where(np.arange(N_HARMONICS + 1) % 2 == 1, -1.0, 1.0)  # factors of the harmonics
     shifts = {True: half_cycle, False: np.ones(N_HARMONICS + 1)}
-    return np.stack([_coefficients(published[_base_name(n)]) * shifts[n.startswith("right_")] for n in _ANGLE_NAMES])
+    return np.stack([_coefficients(published[without_side(n)]) * shifts[n.startswith("right_")] for n in _ANGLE_NAMES])
 
 
 def _coefficients(curve: GaitCurve) -> ComplexArray:
@@ -266,7 +266,3 @@ def _coefficients(curve: GaitCurve) -> ComplexArray:
     spectrum = np.fft.rfft(spline(np.arange(n) * 100.0 / n))[: N_HARMONICS + 1] / n
     spectrum[1:] *= 2.0
     return spectrum
-
-
-def _base_name(dof: str) -> str:
-    return dof.removeprefix("left_").removeprefix("right_")

@@ -56,7 +56,7 @@ def test_scores_are_whitened_and_reconstruct_every_example(model):
     reconstructed = model.angles_at(model.scores[:, None], np.arange(T) / T)
     assert reconstructed == pytest.approx(cycles.curves, abs=1e-9)
     assert model.cycle_rate_hz == pytest.approx(1.0 / cycles.durations_s)
-    assert (model.activities, model.sources) == (cycles.activities, cycles.sources)
+    assert model.activities == cycles.activities
 
 
 def test_the_number_of_components_is_the_fewest_that_explain_more():
@@ -118,7 +118,7 @@ def model_of(scores, activities, rates=None):
     rates = np.ones(n) if rates is None else rates
     curves = np.zeros((N_PHASES, 1)), np.zeros((d, N_PHASES, 1))
     explained = np.ones(min(n, N_PHASES))
-    return ActivityModel(("a",), *curves, np.ones(d), explained, scores, tuple(activities), ("c",) * n, rates)
+    return ActivityModel(("a",), *curves, np.ones(d), explained, scores, tuple(activities), rates)
 
 
 def walks_and_runs(n=40, distance=2.0, seed=0):

@@ -99,14 +99,15 @@ def test_the_covariance_root_is_zero_for_unknown_angles():
     )
     root = discrepancy.covariance_root(("x", "c", "a"))
     np.testing.assert_allclose(root @ root.T, [[0, 0, 0], [0, 0.09, 0], [0, 0, 0.01]], atol=1e-15)
-    np.testing.assert_allclose(discrepancy.std, np.sqrt(np.diagonal(discrepancy.covariance)))
+    np.testing.assert_allclose(discrepancy.std, [0.1, 0.2, 0.3])
 
 
 def test_a_model_is_stored_with_and_without_discrepancy(tmp_path):
     model = walking_model(cache=str(tmp_path))
     loaded = load(type(model), next((tmp_path / "models").glob("walking-*.h5")))
     assert loaded.discrepancy.n_subjects == 12
-    np.testing.assert_array_equal(loaded.discrepancy.covariance, model.discrepancy.covariance)
+    np.testing.assert_array_equal(loaded.discrepancy.loadings, model.discrepancy.loadings)
+    np.testing.assert_array_equal(loaded.discrepancy.residual_std, model.discrepancy.residual_std)
     assert loaded.discrepancy.angles == model.discrepancy.angles
     save(tmp_path / "m.h5", replace(model, discrepancy=None), Provenance({}, {}, ()))
     assert load(type(model), tmp_path / "m.h5").discrepancy is None
