@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -159,7 +160,7 @@ def test_a_variable_and_an_entry_point_can_name_packages(package, monkeypatch):
 def run_of(*, target):
     """Return the part of a recording that is checked before it is repeated."""
     return SimpleNamespace(
-        path="some/x.rrd", settings={"component_packages": ["my_components"], "prior": {"_target_": target}}
+        path=Path("some/x.rrd"), settings={"component_packages": ["my_components"], "prior": {"_target_": target}}
     )
 
 
