@@ -99,7 +99,8 @@ def test_the_model_discrepancy_widens_the_poses_but_not_the_states():
     discrepancy = Discrepancy(WALKER.dof_names[6:8], np.array([[0.1], [0.05]]), np.array([0.1, 0.2]), np.zeros(2), 3)
     wider = fit.with_discrepancy(np.repeat(discrepancy.covariance_root(WALKER.dof_names)[None], len(times), axis=0))
     added = wider.covariance[4] - fit.covariance[4]
-    np.testing.assert_allclose(added[6:8, 6:8], discrepancy.covariance, atol=1e-15)
+    expected = discrepancy.loadings @ discrepancy.loadings.T + np.diag(discrepancy.residual_std**2)
+    np.testing.assert_allclose(added[6:8, 6:8], expected, atol=1e-15)
     assert np.count_nonzero(added) == 4
     step, plain = (next(steps(one, frames(times), 20_000, np.random.default_rng(0))) for one in (wider, fit))
     np.testing.assert_array_equal(step.particles, plain.particles)
