@@ -12,7 +12,10 @@ import scipy
 from workbench.body.kinematics import forward, joint_jacobian, length_jacobian
 from workbench.body.limbs import Body, person_on
 from workbench.body.shape import Shape, from_height
-from workbench.body.skeleton import Skeleton, person_skeleton
+from workbench.body.skeleton import JOINT_NAMES, Skeleton, person_skeleton
+from workbench.body.stature import limb_lengths, usual_height
+from workbench.cameras.calibration_findings import HEIGHTS_M
+from workbench.cameras.triangulation import triangulate
 from workbench.core.capabilities import KEYPOINTS, Traits, component_traits, declares_traits
 from workbench.core.frame_cache import FrameCache, without_images
 from workbench.core.losses import SEARCH_LOSS
@@ -118,7 +121,10 @@ def fit_lengths(
     start[0] = 0.0 if height_m is None else np.log(height_m / AVERAGE_M)
     deviations = np.array([WIDTH_SIGMA if name in WIDTHS else PROPORTION_SIGMA for name in ("height", *LENGTHS)])
     deviations[0] = HEIGHT_SIGMA if height_m is None else KNOWN_HEIGHT_SIGMA
-    poses = _initial_poses(person_skeleton(shape_of(start)), observations, sigma_px)
+    first = start.copy()
+    if height_m is None:
+        first[0] = np.log(_initial_height_m(observations) / AVERAGE_M)
+    poses = _initial_poses(person_skeleton(shape_of(first)), observations, sigma_px)
     nominal = nominal_pose_prior(person_skeleton(shape_of(start)))
     mean = np.concatenate([start, np.tile(nominal.mean, len(poses))])
     whitening = np.concatenate([1.0 / deviations, np.tile(np.diag(nominal.whitening), len(poses))])
@@ -134,7 +140,7 @@ def fit_lengths(
         return np.vstack([project(x)[1], np.diag(whitening)[regularized]])
 
     x = scipy.optimize.least_squares(
-        residuals, np.concatenate([start, poses.ravel()]), jacobian, loss="huber", f_scale=SEARCH_LOSS.scale,
+        residuals, np.concatenate([first, poses.ravel()]), jacobian, loss="huber", f_scale=SEARCH_LOSS.scale,
         x_scale="jac", max_nfev=50, ftol=1e-4,  # which moves lengths by less than a millimetre
     ).x  # fmt: skip
     n_keypoints = sum(len(keypoints.joints) for views in observations for keypoints in views)
@@ -145,6 +151,19 @@ def fit_lengths(
     covariance = np.linalg.pinv(rows.T @ rows, hermitian=True)[: len(start), : len(start)]  # Laplace approximation
     length_uncertainty = _by_length(lengths) @ np.linalg.cholesky(covariance)
     return _MeasuredLengths(shape_of(lengths), x[len(start) :].reshape(poses.shape), error_px, length_uncertainty)
+
+
+def _initial_height_m(observations: Sequence[Sequence[Keypoints]]) -> float:
+    """Return AVERAGE_M, or the height by triangulated limbs where several cameras show that it is not an adult's."""
+    cameras = list({view.camera.name: view.camera for views in observations for view in views}.values())
+    pixels = np.full((len(cameras), len(observations), len(JOINT_NAMES), 2), np.nan)
+    for t, views in enumerate(observations):
+        for view in views:
+            v = next(k for k, camera in enumerate(cameras) if camera.name == view.camera.name)
+            pixels[v, t, view.joints] = view.detections[:, :2]
+    limbs = limb_lengths(triangulate(cameras, pixels)) if len(cameras) > 1 else {}
+    height_m = usual_height(limbs) if limbs else AVERAGE_M
+    return AVERAGE_M if HEIGHTS_M[0] < height_m < HEIGHTS_M[1] else height_m
 
 
 def height_of(lengths: FloatArray) -> float:

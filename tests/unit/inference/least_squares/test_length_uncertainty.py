@@ -7,7 +7,10 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, streams
 from view_scenes import CAMERAS, frames, observed, swinging
 
-from workbench.inference.initialization.limb_lengths import HEIGHT_SIGMA, fit_lengths
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.body.stature import LIMBS, usual_height
+from workbench.inference.initialization.limb_lengths import AVERAGE_M, HEIGHT_SIGMA, _initial_height_m, fit_lengths
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.video.systematic_errors import DEFAULT_LENGTH_SIGMA, default_length_uncertainty
 from workbench.likelihoods.keypoints import KeypointLikelihood
@@ -66,6 +69,24 @@ def test_the_deviation_of_measured_lengths_depends_on_height_and_cameras():
     assert unknown == pytest.approx(HEIGHT_SIGMA, rel=0.3)
     assert sigma(1, 1.75) < 0.6 * unknown  # only the proportions are uncertain
     assert sigma(2, None) < 0.6 * unknown
+
+
+@pytest.mark.parametrize("height_m", [0.6, 1.1, 2.3])
+def test_several_cameras_measure_people_who_are_no_adults(height_m):
+    small = person(from_height(height_m)).skeleton
+    times, poses = swinging(small, 6)
+    observations = observed(small, frames(small, times, poses, CAMERAS))
+    shape = fit_lengths([frame.keypoints for frame in observations]).shape
+    assert usual_height({limb: getattr(shape, limb) for limb in LIMBS}) == pytest.approx(height_m, rel=0.05)
+
+
+@pytest.mark.parametrize(("height_m", "is_adult"), [(1.19, False), (1.21, True), (2.19, True), (2.21, False)])
+def test_the_fit_starts_from_an_adult_unless_the_cameras_show_another_person(height_m, is_adult):
+    skeleton = person(from_height(height_m)).skeleton
+    times, poses = swinging(skeleton, 6)
+    views = [frame.keypoints for frame in observed(skeleton, frames(skeleton, times, poses, CAMERAS))]
+    assert _initial_height_m(views) == pytest.approx(AVERAGE_M if is_adult else height_m)
+    assert _initial_height_m([one[:1] for one in views]) == AVERAGE_M  # one camera measures no height
 
 
 def test_length_deviations_scale_with_the_body():
