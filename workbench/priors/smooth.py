@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from workbench.body.shape import from_height
-from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.body.skeleton import POSE_NAMES, person_skeleton, without_side
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.capabilities import BODY_PARTS, DENSITY, SEPARABLE, Traits, component_traits
 from workbench.core.prior import PriorCapabilities
@@ -246,7 +246,7 @@ def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArr
 
 def _keys(parameter: str) -> tuple[str, str, str]:
     """Return the keys under which a parameter's value may be listed, the most specific first."""
-    either_side = parameter.removeprefix("left_").removeprefix("right_")
+    either_side = without_side(parameter)
     joint = either_side.partition("_")[0]
     if joint == "root":
         joint = "root_position" if parameter in POSE_NAMES[:3] else "root_rotation"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.body.skeleton import joint_of
+from workbench.body.skeleton import joint_of, middle_of
 from workbench.body.stature import SIDES
 from workbench.utils.arrays import FloatArray
 
@@ -18,8 +18,7 @@ def bends(joints: FloatArray) -> FloatArray:
     exchanged names it is backwards, and bends are negative.
     """
     across = joint_of(joints, "left_hip") - joint_of(joints, "right_hip")
-    up = 0.5 * (joint_of(joints, "left_shoulder") + joint_of(joints, "right_shoulder"))  # not every detector has a neck
-    up = up - 0.5 * (joint_of(joints, "left_hip") + joint_of(joints, "right_hip"))
+    up = middle_of(joints, "shoulder") - middle_of(joints, "hip")  # not every detector has a neck
     ahead = np.cross(across, up)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
     by_side = []

@@ -13,6 +13,7 @@ import numpy as np
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.simd_kinematics import FAST, inlined
+from workbench.body.skeleton import without_side
 from workbench.core.capabilities import IMAGES, Traits, component_traits
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame, View
@@ -61,7 +62,7 @@ class EdgeModel:
         mixed with a fraction OUTLIER_FRACTION of their common distribution, so that rare bins have ratios near 1. The
         log ratio of UNLEARNED_LIMBS is 0, with a warning. Raises InputError for another limb that the model does not
         have."""
-        parts = [_part(name) for name in limbs]
+        parts = [without_side(name) for name in limbs]
         unknown = sorted(set(parts) - set(self.parts))
         if unsupported := [part for part in unknown if part not in UNLEARNED_LIMBS]:
             raise InputError(f"edges: no limb {unsupported[0]!r} in the model; expected {', '.join(self.parts)}")
@@ -117,7 +118,7 @@ def learn_edge_model(labelled_views: Iterable[tuple[Body, View, FloatArray]], rn
         edges, ridges, valid = edge_filters.responses(images, points)
         filter_kinds = ((edges, valid[..., [0, 2]], EDGE_RANGE), (ridges, valid[..., 1], RIDGE_RANGE))
         for limb, name in enumerate(body.limbs.names):
-            histogram = counts.setdefault(_part(name), np.zeros((2, 2, BINS)))
+            histogram = counts.setdefault(without_side(name), np.zeros((2, 2, BINS)))
             for kind, (values, counted, (low, high)) in enumerate(filter_kinds):
                 for on, rows in enumerate((slice(0, 1), slice(1, None))):
                     inside = np.clip(values[rows, limb][counted[rows, limb]], low, np.nextafter(high, low))
@@ -126,10 +127,6 @@ def learn_edge_model(labelled_views: Iterable[tuple[Body, View, FloatArray]], rn
         raise InputError("edges: expected at least one view of a person for training, found none")
     on, off = np.stack(list(counts.values()), axis=2)
     return EdgeModel(tuple(counts), on, off)
-
-
-def _part(limb: str) -> str:
-    return limb.removeprefix("left_").removeprefix("right_")
 
 
 @dataclass(frozen=True, eq=False)

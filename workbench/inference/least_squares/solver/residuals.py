@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.skeleton import Skeleton
+from workbench.body.skeleton import Skeleton, without_side
 from workbench.core.observations import Keypoints
 from workbench.core.residual import ResidualFunction, keypoint_residual, stacked
 from workbench.inference.least_squares.solver.single_frame import GaussianPrior
@@ -64,7 +64,7 @@ def upright_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
 
 def nominal_pose_prior(skeleton: Skeleton) -> GaussianPrior:
     """Return independent normal distributions of joint angles, pitch and roll; root position and heading are free."""
-    sides = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.dof_names]
+    sides = [without_side(name) for name in skeleton.dof_names]
     mean, deviation = np.array([NOMINAL_RAD.get(name, DEFAULT_NOMINAL_RAD) for name in sides]).T
     mean[: UPRIGHT.start], deviation[: UPRIGHT.start] = 0.0, np.inf
     return GaussianPrior.independent(mean, deviation)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from workbench.body.skeleton import Skeleton
+from workbench.body.skeleton import Skeleton, without_side
 from workbench.core.observations import Observed
 from workbench.core.residual import keypoint_residual
 from workbench.inference.least_squares.video.pose_problem import PoseProblem
@@ -22,7 +22,7 @@ DEFAULT_LENGTH_SIGMA = 0.02
 def default_length_uncertainty(skeleton: Skeleton) -> FloatArray:
     """Return the offset errors (J, 3, G), m, for one standard deviation, DEFAULT_LENGTH_SIGMA, of each bone's relative
     length, equal on both sides."""
-    bones = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.names]
+    bones = [without_side(name) for name in skeleton.names]
     causes = list(dict.fromkeys(bones))
     same_bone = np.array([[bone == cause for cause in causes] for bone in bones], dtype=np.float64)
     return np.asarray(DEFAULT_LENGTH_SIGMA * skeleton.offsets[:, :, None] * same_bone[:, None, :])
