@@ -29,7 +29,7 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
         if origin.get("difference"):
             recording = shlex.quote(os.path.relpath(run.path.resolve(), root.parent / folder.removeprefix("../")))
             commands.append(f"workbench runs restore --changes {recording} | git apply")
-        commands.append("python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e .")
+        commands.append("python3 -m venv .venv && .venv/bin/pip install -q --no-compile -c requirements.lock -e .")
     if words:
         older = not commit and words[1:2] != ["run"]  # recorded as `workbench KEY=VALUE`
         program = ".venv/bin/workbench" if commit else "workbench"

@@ -84,12 +84,17 @@ def static_backgrounds(clip: FrameCache, n_frames: int, blur_px: float) -> dict[
 
 
 def static_background(images: Sequence[Float32Array]) -> StaticBackground:
-    """Return the common background of F images (height, width, C)."""
+    """Return the common background of F images (height, width, C), in strips, on numba's number of threads."""
     median, sigma = np.empty_like(images[0]), np.empty_like(images[0])
-    for rows in np.array_split(np.arange(len(median)), 16):  # in strips, to use less memory
-        strip = np.stack([image[rows] for image in images])
-        median[rows] = median_over_frames(strip)
-        sigma[rows] = MAD_TO_SIGMA * median_over_frames(np.abs(strip - median[rows]))
+
+    def fill(first: int, last: int) -> None:
+        for row in range(first, last, _STRIP):
+            rows = slice(row, min(row + _STRIP, last))
+            strip = np.stack([image[rows] for image in images])
+            median[rows] = median_over_frames(strip)
+            sigma[rows] = MAD_TO_SIGMA * median_over_frames(np.abs(strip - median[rows]))
+
+    parallel_for(fill, len(median), _STRIP)
     return StaticBackground(median, np.maximum(sigma, np.float32(MIN_SIGMA)))
 
 
