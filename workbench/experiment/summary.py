@@ -7,10 +7,12 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from time import perf_counter
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,10 +38,11 @@ _OMITTED_IF_FULL = ("settings", "provenance", "versions")
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
 
-def versions() -> dict[str, str]:
+@cache
+def versions() -> Mapping[str, str]:
     """Return the versions of Python and of the packages a result depends on."""
     packages = {name: version(name) for name in _PACKAGES}
-    return {"python": platform.python_version(), "workbench": __version__, **packages}
+    return MappingProxyType({"python": platform.python_version(), "workbench": __version__, **packages})
 
 
 @dataclass
@@ -155,7 +158,7 @@ class Summary:
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
             "omitted_metrics": self.omitted_metrics,
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
-            "versions": versions(),
+            "versions": dict(versions()),
             "identity": self.identity,
             "provenance": self.provenance,
             "settings": self.settings,
