@@ -105,6 +105,15 @@ def test_the_page_is_self_contained(written):
         assert text in page.text
 
 
+def test_a_report_without_matplotlib_has_all_but_the_plots(sweep, written, tmp_path, trusted, monkeypatch, capsys):
+    monkeypatch.setattr("workbench.cli.report.can_draw", lambda: False)
+    assert main(["report", str(sweep), "-o", str(tmp_path)]) == 0
+    assert "[plots]" in capsys.readouterr().err
+    expected = {path.name for path in written.iterdir() if path.suffix != ".png"}
+    assert {path.name for path in tmp_path.iterdir()} == expected
+    assert (tmp_path / "report.csv").read_bytes() == (written / "report.csv").read_bytes()
+
+
 @pytest.mark.slow
 def test_reports_are_reproducible_bitwise(sweep, written, tmp_path):
     assert main(["report", str(sweep), "-o", str(tmp_path)]) == 0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
+from workbench.recording.read.chunks import read_chunks
 from workbench.recording.read.reader import read
 from workbench.recording.study.drawing import picture
 from workbench.recording.study.figures import figure_of, numbers
@@ -69,6 +70,14 @@ def test_figures_are_read_back_bitwise_and_in_order(recorded):
         assert type(written) is type(figure)
         for field in vars(written):
             assert identical(getattr(written, field), getattr(figure, field)), (written.name, field)
+
+
+def test_figures_are_recorded_as_numbers_without_matplotlib(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("workbench.recording.study.study_recorder.can_draw", lambda: False)
+    without = record(tmp_path / "run.rrd", figures())
+    assert [figure.name for figure in read(without).figures] == [figure.name for figure in figures()]
+    chunks = [read_chunks(path, ["/figures/**"]) for path in (recorded, without)]
+    assert [any(chunk.entity_path.endswith("/drawing") for chunk in part) for part in chunks] == [True, False]
 
 
 def test_properties_metrics_and_note_are_read_back(recorded):

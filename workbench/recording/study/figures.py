@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from importlib.util import find_spec
 from typing import Any, get_args
 
 import numpy as np
@@ -12,6 +13,11 @@ from workbench.utils.errors import InputError
 
 _KINDS: dict[str, type[Figure]] = {kind.__name__: kind for kind in get_args(Figure)}
 _MAPPINGS = ("curves", "faint", "marks", "points")
+
+
+def can_draw() -> bool:
+    """Return whether matplotlib, the optional extra "plots", is installed."""
+    return find_spec("matplotlib") is not None
 
 
 def numbers(figure: Figure) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.core.study import Figure, Sticks, StudyResult
-from workbench.recording.study.figures import numbers
+from workbench.recording.study.figures import can_draw, numbers
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.file import RecordingFile, arrow
 
@@ -25,7 +25,8 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
 
     The numbers of a figure are components of `figures/<name>`, from which `read.reader.read` restores a bitwise
     identical figure; its drawing is below this path. The note is at `note`, the metrics are the property `metrics`.
-    Raises ValueError when two figures have one name, OSError when the disk is nearly full.
+    Without matplotlib there is a warning instead of drawings. Raises ValueError when two figures have one name, OSError
+    when the disk is nearly full.
     """
     if len({figure.name for figure in result.figures}) < len(result.figures):
         raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
@@ -35,6 +36,8 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     file.stream.set_time("frame", sequence=0)
     file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())
     file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
+    if not can_draw():
+        file.warn("only the numbers of figures are recorded: drawings need matplotlib, the extra 'plots'")
     tabs, order = [], {figure.name: k for k, figure in enumerate(result.figures)}
     for title, figures in pages(result.figures):
         columns, rows = grid(len(figures))
@@ -56,10 +59,11 @@ def _record(file: RecordingFile, figure: Figure, order: int, width: float, heigh
     if isinstance(figure, Sticks):
         file.send(_sticks(path, figure), static=True)
         return rrb.Spatial3DView(origin=path, name=title, eye_controls=eye(figure))
-    from workbench.recording.study.drawing import picture  # here, since loading matplotlib takes a third of a second
+    if can_draw():
+        from workbench.recording.study.drawing import picture  # here, as loading matplotlib takes a third of a second
 
-    image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
-    file.stream.log(f"{path}/drawing", image, static=True)
+        image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
+        file.stream.log(f"{path}/drawing", image, static=True)
     return rrb.Spatial2DView(origin=path, name=title, background=_PAPER)
 
 
