@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache, partial
 from typing import Any, TypeVar
@@ -53,9 +53,14 @@ def ahead(items: Iterable[_Item]) -> Iterator[_Item]:
     """Yield items, each computed by a thread while the caller works on the one before it."""
     source, done = iter(items), object()
     with ThreadPoolExecutor(1, "ahead") as thread:
-        following = thread.submit(next, source, done)
+
+        def begin() -> Future[object]:
+            with deferred():  # as in `parallel_for`
+                return thread.submit(next, source, done)
+
+        following = begin()
         while (item := following.result()) is not done:
-            following = thread.submit(next, source, done)
+            following = begin()
             yield item  # type: ignore[misc]
 
 
