@@ -68,4 +68,4 @@ def _tracked(config: DictConfig, summary: Summary) -> dict[str, list[float]]:
             for name, value in step_values(step, skeleton).items():
                 series.setdefault(name, []).append(value)
     summary.run_metrics = meter.run_metrics
-    return {name: summary.per_frame[name] for name in SERIES if name in summary.per_frame} | series
+    return {name: summary.per_frame[name].tolist() for name in SERIES if name in summary.per_frame} | series

@@ -360,15 +360,14 @@ class _Problem:
         """Return the Jacobian of `residuals` by central differences, those of all places at once, as each changes the
         residuals of its own segment only."""
         n, n_errors = len(self.feet), 4 * len(self.feet)
-        jacobian = np.zeros((len(self.residuals(x, sigma_px, lean)), len(x)))
 
         def difference(columns: slice) -> FloatArray:
             step = np.zeros(len(x))
             step[columns] = _STEP
             return (self.residuals(x + step, sigma_px, lean) - self.residuals(x - step, sigma_px, lean)) / (2.0 * _STEP)
 
-        for k in range(_N_SHARED):
-            jacobian[:, k] = difference(slice(k, k + 1))
+        shared = np.column_stack([difference(slice(k, k + 1)) for k in range(_N_SHARED)])
+        jacobian = np.concatenate([shared, np.zeros((len(shared), 2 * n))], axis=1)
         for k in range(2):
             columns, change = slice(_N_SHARED + k, None, 2), difference(slice(_N_SHARED + k, None, 2))
             jacobian[:n_errors, columns] = np.repeat(np.eye(n), 4, axis=0) * change[:n_errors, None]
@@ -396,7 +395,7 @@ class _Problem:
         camera, ahead = self.camera(x), np.exp(x[_N_SHARED::2])
         feet = np.stack([ahead, x[_N_SHARED + 1 :: 2] * ahead, np.full(len(ahead), self.low)], axis=1)
         heads = feet + (self.high - self.low) * np.exp(x[4]) * np.array([x[5], x[6], 1.0])
-        pixels = [camera.pixels(camera.to_camera(points), -np.inf) for points in (heads, feet)]
+        pixels = camera.pixels(camera.to_camera(np.stack([heads, feet])), -np.inf)
         return np.concatenate([pixels[0] - self.heads, pixels[1] - self.feet], axis=1)
 
     def residuals(self, x: FloatArray, sigma_px: float, lean: float = _LEAN_SPREAD) -> FloatArray:

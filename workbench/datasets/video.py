@@ -42,7 +42,15 @@ from workbench.detections.readers.keypoint_files import is_detections
 from workbench.detections.readers.pairing import image_numbers
 from workbench.detections.readers.people import People, SourceImages
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
-from workbench.utils.decode import declared_frames, decode, image_files, rotation_deg, timestamps
+from workbench.utils.decode import (
+    declared_frames,
+    decode,
+    file_version,
+    image_files,
+    image_shape,
+    rotation_deg,
+    timestamps,
+)
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes, frame_times, given_times, rate_in_file
 from workbench.utils.input_path import InputPath, expanded
@@ -246,8 +254,7 @@ class Video:
     def _scanned(self) -> tuple[FloatArray, ImageChanges]:
         """Timestamps and changes of a video file's images up to the last one set."""
         at_most = None if self.n_frames is None else self.first_frame + self.n_frames
-        file = self.path.stat() if self.path.is_file() else None  # a missing file is an error of `timestamps`
-        return _times_and_changes(self.path, at_most, (file.st_mtime_ns, file.st_size) if file else None)
+        return _times_and_changes(self.path, at_most, file_version(self.path))
 
     @cached_property
     def cuts(self) -> list[int]:
@@ -290,7 +297,7 @@ class Video:
     def image_size(self) -> tuple[int, int]:
         """Width and height of the first image, px."""
         _ = self._timestamps_s  # raises an error for a source without frames
-        height, width = next(decode(self.path)).shape[:2]
+        height, width = image_shape(self.path)[:2]
         return width, height
 
     @cached_property

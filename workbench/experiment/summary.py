@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import platform
+from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -77,7 +78,7 @@ class Summary:
     steps_s: float = 0.0
     evaluations: float = 0.0
     log_evidence: float = float("nan")
-    per_frame: dict[str, list[float]] = field(default_factory=dict)
+    per_frame: dict[str, "array[float]"] = field(default_factory=dict)
     run_metrics: Mapping[str, float] = field(default_factory=dict)
     omitted_metrics: dict[str, str] = field(default_factory=dict)
     stopped: str | None = None
@@ -105,7 +106,7 @@ class Summary:
         self.log_evidence = step.log_evidence
         if self.frames > 1:
             for name, value in {**errors, **step.diagnostics, "ess": step.ess}.items():
-                self.per_frame.setdefault(name, []).append(value)
+                self.per_frame.setdefault(name, array("d")).append(value)
 
     @property
     def metrics(self) -> dict[str, float]:

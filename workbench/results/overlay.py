@@ -115,9 +115,8 @@ def with_omitted_frames(shown: Iterator[Picture], run: Run, source: Path) -> Ite
     end = end if n_set is None else min(end, begin + int(n_set))
     omitted = sorted(set(range(begin, end)) - set(run.poses[0].tolist()))
     first = next(shown)
-    yield from merge(
-        [first], shown, _decoded(source, omitted, first.image.shape[:2]), key=lambda picture: picture.frame
-    )
+    without = ahead(_decoded(source, omitted, first.image.shape[:2]))  # while those of the recording are decoded
+    yield from merge([first], shown, without, key=lambda picture: picture.frame)
 
 
 def _decoded(source: Path, frames: Sequence[int], shape: tuple[int, ...]) -> Iterator[Picture]:

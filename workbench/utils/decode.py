@@ -8,8 +8,9 @@ import os
 import warnings
 from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -78,8 +79,8 @@ def timestamps(
     times_s: list[float] = []
     start_s = 0.0
     with _opened(source) as video, tqdm(desc=f"counting frames of {source.name}", unit="frame", disable=None) as bar:
-        declared, codec = _declared(source, video), int(video.get(cv2.CAP_PROP_FOURCC))
-        header_hz = float(video.get(cv2.CAP_PROP_FPS))
+        header, codec = _header_of(video), int(video.get(cv2.CAP_PROP_FOURCC))
+        declared, header_hz = _checked_frames(source, header), header.rate_hz
         while (at_most is None or len(times_s) < at_most) and video.grab():
             if not times_s and header_hz > 0.0:  # of Matroska, whose duration begins at 0; the times at the first frame
                 start_s = max(0.0, float(video.get(cv2.CAP_PROP_PTS)) / header_hz)
@@ -112,28 +113,68 @@ def frame_rate(source: Path) -> float | None:
     """Return the frame rate of a video file, Hz; None without one, and for images."""
     if _has_images(source):
         return None
-    with _opened(source) as video:
-        rate = float(video.get(cv2.CAP_PROP_FPS))
+    rate = _header(source, file_version(source)).rate_hz
     return rate if np.isfinite(rate) and rate > 0.0 else None
 
 
 def rotation_deg(source: Path) -> float:
     """Return the angle by which a video file's frames are turned to be upright, as `decode` does."""
-    with _opened(source) as video:
-        return float(video.get(cv2.CAP_PROP_ORIENTATION_META))
+    return _header(source, file_version(source)).rotation_deg
 
 
 def declared_frames(source: Path) -> int:
     """Return the number of frames that a video file declares."""
+    return _checked_frames(source, _header(source, file_version(source)))
+
+
+def image_shape(source: Path) -> tuple[int, ...]:
+    """Return the shape (height, width, 3) of the first image; raises InputError without one, and as `decode` does."""
+    version = file_version(source)
+    return _first_shape(source) if version is None else _shape_in_file(source, version)
+
+
+def file_version(source: Path) -> tuple[int, int] | None:
+    """Return what changes with the content of a file: its time and size; None for a folder and a missing file."""
+    if not source.is_file():
+        return None
+    file = source.stat()
+    return file.st_mtime_ns, file.st_size
+
+
+class _Header(NamedTuple):
+    """Properties of a video file, as declared."""
+
+    rate_hz: float
+    rotation_deg: float
+    n_frames: int
+
+
+@lru_cache(maxsize=64)  # opening a video takes as long as decoding some of its images
+def _header(source: Path, _version: object) -> _Header:
     with _opened(source) as video:
-        return _declared(source, video)
+        return _header_of(video)
 
 
-def _declared(source: Path, video: Any) -> int:
-    """Return the number of frames in an open video's header, or of its duration at the header's rate."""
-    declared = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-    check_number(source, "frames in its header", declared, _MAX_DECLARED)
-    return declared
+def _header_of(video: Any) -> _Header:
+    rate_hz, rotation = float(video.get(cv2.CAP_PROP_FPS)), float(video.get(cv2.CAP_PROP_ORIENTATION_META))
+    return _Header(rate_hz, rotation, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
+
+
+def _checked_frames(source: Path, header: _Header) -> int:
+    """Return the number of frames in a video's header, or of its duration at the header's rate."""
+    check_number(source, "frames in its header", header.n_frames, _MAX_DECLARED)
+    return header.n_frames
+
+
+def _first_shape(source: Path) -> tuple[int, ...]:
+    if (image := next(decode(source, 0, 0), None)) is None:
+        raise InputError(f"{source}: expected at least one frame, found none")
+    return image.shape
+
+
+@lru_cache(maxsize=64)
+def _shape_in_file(source: Path, _version: object) -> tuple[int, ...]:
+    return _first_shape(source)
 
 
 def image_files(folder: Path) -> list[Path]:

@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from functools import cache
-from typing import TypeVar
+from functools import cache, partial
+from typing import Any, TypeVar
 
 import numba
 from threadpoolctl import threadpool_limits
@@ -53,10 +53,41 @@ def ahead(items: Iterable[_Item]) -> Iterator[_Item]:
     """Yield items, each computed by a thread while the caller works on the one before it."""
     source, done = iter(items), object()
     with ThreadPoolExecutor(1, "ahead") as thread:
-        following = thread.submit(next, source, done)
+
+        def begin() -> Future[object]:
+            with deferred():  # as in `parallel_for`
+                return thread.submit(next, source, done)
+
+        following = begin()
         while (item := following.result()) is not done:
-            following = thread.submit(next, source, done)
+            following = begin()
             yield item  # type: ignore[misc]
+
+
+class Helpers:
+    """Threads, `n` at most and one fewer than numba's, that begin work whose results the caller needs later.
+
+    It is a context manager; work that no thread has begun at its end is dropped.
+    """
+
+    def __init__(self, n: int) -> None:
+        n = min(n, int(numba.get_num_threads()) - 1)
+        self._pool = ThreadPoolExecutor(n, "helper") if n > 0 else None
+
+    def __enter__(self) -> "Helpers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def begin(self, work: Callable[..., _Item], *arguments: Any) -> Callable[[], _Item]:
+        """Return a function that returns `work(*arguments)`, and does this work itself if no thread has begun it."""
+        if self._pool is None:
+            return partial(work, *arguments)
+        with deferred():  # as in `parallel_for`
+            begun = self._pool.submit(work, *arguments)
+        return lambda: work(*arguments) if begun.cancel() else begun.result()
 
 
 @contextmanager

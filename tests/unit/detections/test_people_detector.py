@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import cv2
+import numba
 import numpy as np
 import pytest
 
@@ -88,6 +89,21 @@ def test_a_person_is_detected_in_exactly_the_frames_with_the_person():
     images = [image((100.0 + 3.0 * (t - 13), 90.0)) if t in present else image() for t in range(40)]
     detected = [bool(people) for people in PeopleDetector(network, 10).detect(images)]
     assert [t for t, is_detected in enumerate(detected) if is_detected] == list(present)
+
+
+def test_people_are_the_same_by_any_number_of_threads():
+    images = [image((60.0 + 4.0 * t, 60.0), (250.0 - 4.0 * t, 130.0)) for t in range(25)]
+    n_threads, found = numba.get_num_threads(), []
+    try:
+        for n in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(n)
+            found.append(list(PeopleDetector(network, 10).detect(images)))
+    finally:
+        numba.set_num_threads(n_threads)
+    for one, other in zip(*found, strict=True):
+        assert [person.number for person in one] == [person.number for person in other]
+        for person, same in zip(one, other, strict=True):
+            np.testing.assert_array_equal(person.landmarks.pixels, same.landmarks.pixels)
 
 
 @pytest.fixture

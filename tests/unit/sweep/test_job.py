@@ -4,6 +4,7 @@ import json
 import math
 import os
 import shutil
+from array import array
 from types import SimpleNamespace
 
 import pytest
@@ -51,7 +52,7 @@ def status(sweep, number=0):
 
 def complete(summary):
     summary.recording.write_text("complete")
-    summary.per_frame["mpjpe_abs_mm"] = [12.0]
+    summary.per_frame["mpjpe_abs_mm"] = array("d", [12.0])
 
 
 def fail(summary):

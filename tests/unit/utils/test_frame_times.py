@@ -7,7 +7,7 @@ import pytest
 from video_files import camera_table, video, with_durations
 
 from workbench.datasets.video import Video
-from workbench.utils.decode import declared_frames, frames_lost, timestamps
+from workbench.utils.decode import declared_frames, frame_rate, frames_lost, image_shape, timestamps
 from workbench.utils.errors import InputError
 from workbench.utils.frame_times import FrameTimes, frame_times, given_times, is_equal, rate_in_file
 
@@ -103,6 +103,13 @@ def test_a_rate_that_is_set_is_compared_with_the_timestamps(tmp_path, caplog, ji
 @pytest.mark.parametrize(("duration_s", "n_lost"), [(2.0, 0), (2.049, 0), (2.051, 1), (3.0, 10)])
 def test_lost_frames_are_counted_by_the_declared_duration(duration_s, n_lost):
     assert frames_lost(duration_s, (np.arange(20) / 10.0).tolist(), 1000.0) == n_lost
+
+
+def test_the_header_and_the_size_are_those_of_the_file_as_it_is_now(tmp_path):
+    path = video(tmp_path / "a.mp4", N, 30.0)
+    before = frame_rate(path), declared_frames(path), image_shape(path)
+    video(path, N + 2, 25.0, size=(48, 32))
+    assert (frame_rate(path), declared_frames(path), image_shape(path)) == (25.0, N + 2, (32, 48, 3)) != before
 
 
 def test_a_header_with_billions_of_frames_is_rejected(tmp_path):

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import thread as pools
-from threading import Barrier, Event, Thread, current_thread, main_thread
+from threading import Barrier, Event, Thread, Timer, current_thread, main_thread
 from threading import enumerate as all_threads
 from time import perf_counter
 
@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from workbench.utils import parallel
-from workbench.utils.parallel import ahead, parallel_for
+from workbench.utils.parallel import Helpers, ahead, parallel_for
 from workbench.utils.signals import Interrupted, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
 
@@ -174,3 +174,40 @@ def test_an_error_of_an_item_computed_ahead_is_raised_at_its_place():
     assert next(every) == 1
     with pytest.raises(OSError, match="disk"):
         next(every)
+
+
+@pytest.mark.parametrize("n_threads", [1, pytest.param(2, marks=two_threads)])
+def test_begun_work_is_done_once_by_a_helper_or_by_the_caller(n_threads):
+    numba.set_num_threads(n_threads)
+    done, wait_for = [], Event()
+
+    def work(number):
+        done.append((number, current_thread() is main_thread()))
+        if number == 0 and current_thread() is not main_thread():
+            wait_for.wait(60.0)
+        return 10 * number
+
+    with Helpers(3) as helpers:
+        results = [helpers.begin(work, number) for number in range(4)]
+        last = [result() for result in results[:0:-1]]  # the only helper waits
+        wait_for.set()
+        assert [results[0](), *last[::-1]] == [0, 10, 20, 30]
+    assert sorted(number for number, _ in done) == [0, 1, 2, 3]
+    assert [by_caller for number, by_caller in done if number] == [True] * 3
+
+
+@two_threads
+def test_work_that_no_helper_has_begun_is_dropped_at_the_end():
+    done, at_work, may_end = [], Event(), Event()
+
+    def work(number):
+        at_work.set()
+        may_end.wait(60.0)
+        done.append(number)
+
+    with Helpers(1) as helpers:
+        for number in range(3):
+            helpers.begin(work, number)
+        at_work.wait(60.0)
+        Timer(0.1, may_end.set).start()
+    assert done == [0]

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -16,7 +17,7 @@ from workbench.detections.detector.landmark_network import N_LANDMARKS, Landmark
 from workbench.detections.detector.model_file import model_file
 from workbench.detections.detector.people_detector import PeopleDetector, Person
 from workbench.utils.atomic_write import whole_file
-from workbench.utils.decode import decode, frame_rate, image_files
+from workbench.utils.decode import decode, frame_rate, image_files, image_shape
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_json
 from workbench.utils.input_path import expanded
@@ -77,11 +78,8 @@ def detect_video(video: Path, folder: Path, model: Path, within: tuple[int, int 
 
 def _rate_and_chunk(video: Path) -> tuple[float, int]:
     """Return the frame rate, Hz, and the frames between two searches of the whole image."""
-    image = next(decode(video, 0, 0), None)
-    if image is None:
-        raise InputError(f"{video}: expected at least one frame, found none")
-    rate_hz = frame_rate(video) or _DEFAULT_RATE_HZ
-    return rate_hz, max(min(round(_CHUNK_S * rate_hz), _CHUNK_BYTES // image.nbytes), 1)
+    n_bytes, rate_hz = math.prod(image_shape(video)), frame_rate(video) or _DEFAULT_RATE_HZ
+    return rate_hz, max(min(round(_CHUNK_S * rate_hz), _CHUNK_BYTES // n_bytes), 1)
 
 
 def _detect(

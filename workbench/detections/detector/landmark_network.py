@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from threading import local
 
 import cv2
 import numpy as np
@@ -61,7 +62,8 @@ class PersonLandmarks:
 class LandmarkNetwork:
     """The network in a model file, run by LiteRT where `ai-edge-litert` is installed, else by OpenCV.
 
-    The landmarks of both agree to 0.01 px; LiteRT takes half the time.
+    The landmarks of both agree to 0.01 px; LiteRT takes half the time. Each thread that calls it has a network of its
+    own, which takes 45 MB.
 
     Parameters
     ----------
@@ -73,12 +75,16 @@ class LandmarkNetwork:
     """
 
     def __init__(self, path: Path) -> None:
-        self._outputs = litert_outputs(path) if find_spec("ai_edge_litert") else opencv_outputs(path)
+        self._path, self._load = path, litert_outputs if find_spec("ai_edge_litert") else opencv_outputs
+        self._of_thread = local()
+        self._of_thread.outputs = self._load(path)  # raises now
 
     def __call__(self, image: ByteArray, region: Region) -> PersonLandmarks:
         """Return the landmarks of the person in a region of an image (height, width, 3), RGB."""
         crop = cv2.warpAffine(image, region.to_image, (SIZE_PX, SIZE_PX), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        arrays = self._outputs(np.asarray(crop, np.uint8))
+        if not hasattr(self._of_thread, "outputs"):
+            self._of_thread.outputs = self._load(self._path)
+        arrays = self._of_thread.outputs(np.asarray(crop, np.uint8))
         raw = arrays["landmarks"].reshape(-1, 5)
         pixels = raw[:, :2].copy()
         pixels[:N_LANDMARKS] = refined(pixels[:N_LANDMARKS], arrays["heatmap"][0, :N_LANDMARKS])

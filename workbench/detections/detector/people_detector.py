@@ -2,7 +2,8 @@
 
 A grid of square regions is searched in the first frame and at the end of every chunk of frames. In between, each person
 is detected in the region that follows from the frame before. People first found at the end of a chunk are followed
-backwards to its start, so that no person appears late.
+backwards to its start, so that no person appears late. Threads share the regions of a grid, and those of the people in
+one frame; the result does not depend on them.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 
 from workbench.detections.detector.landmark_network import PersonLandmarks, Region
 from workbench.utils.arrays import ByteArray
+from workbench.utils.parallel import Helpers
 
 Network = Callable[[ByteArray, Region], PersonLandmarks]
 
@@ -25,6 +27,9 @@ _PROMISING = 0.1
 _N_REFINEMENTS = 4
 _SAME_PERSON = 0.15
 """Largest mean distance of two detections' landmarks, over their region's side, for which they show one person."""
+_MAX_HELPERS = 3
+"""Threads, each of which holds a network of 45 MB."""
+_Landmarks = Callable[[], PersonLandmarks]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +45,7 @@ class PeopleDetector:
 
     Parameters
     ----------
-    network : returns the landmarks of the person in a region of an image.
+    network : returns the landmarks of the person in a region of an image; called by several threads.
     chunk_frames : frames between two searches of the whole image, at least 1; they are in memory at once.
     on_search : called with the people found by every search of a whole image.
     """
@@ -60,38 +65,49 @@ class PeopleDetector:
         n_people: number of people in all frames before.
         """
         self._n_people, people, source = n_people, list(previous or ()), iter(images)
-        if previous is None:
-            start = list(islice(source, 1))  # searched before further images are decoded, as a user waits for it
-            people = [person for image in start for person in self._search(image, [])]
-            self.on_search(people)
-            source = chain(start, source)
-        while chunk := list(islice(source, self.chunk_frames)):
-            frames = []
-            for image in chunk:
-                people = self._follow(image, people)
-                frames.append(people)
-            new = self._search(chunk[-1], people)
-            self.on_search(new)
-            for t in range(len(chunk) - 1, -1, -1):
-                new = self._follow(chunk[t], new, frames[t]) if new else []
-                frames[t] = [*frames[t], *new]
-            people = frames[-1]
-            yield from frames
+        with Helpers(_MAX_HELPERS) as helpers:
+            if previous is None:
+                start = list(islice(source, 1))  # searched before further images are decoded, as a user waits for it
+                people = [each for image in start for each in self._search(image, self._begin_grid(helpers, image), [])]
+                self.on_search(people)
+                source = chain(start, source)
+            while chunk := list(islice(source, self.chunk_frames)):
+                searched, frames = self._begin_grid(helpers, chunk[-1]), []
+                for image in chunk:
+                    people = self._follow(helpers, image, people)
+                    frames.append(people)
+                new = self._search(chunk[-1], searched, people)
+                self.on_search(new)
+                for t in range(len(chunk) - 1, -1, -1):
+                    new = self._follow(helpers, chunk[t], new, frames[t]) if new else []
+                    frames[t] = [*frames[t], *new]
+                people = frames[-1]
+                yield from frames
 
-    def _follow(self, image: ByteArray, people: Sequence[Person], others: Sequence[Person] = ()) -> list[Person]:
+    def _begin_grid(self, helpers: Helpers, image: ByteArray) -> list[_Landmarks]:
+        """Return functions that return the landmarks in the regions of the grid."""
+        return [helpers.begin(self.network, image, region) for region in grid(image.shape[1], image.shape[0])]
+
+    def _follow(
+        self, helpers: Helpers, image: ByteArray, people: Sequence[Person], others: Sequence[Person] = ()
+    ) -> list[Person]:
         """Return those of the people of a neighbouring frame who are in the image and are none of the others."""
         present: list[Person] = []
-        for person in people:
-            landmarks = self.network(image, person.landmarks.next_region)
+        begun = [helpers.begin(self.network, image, person.landmarks.next_region) for person in people]
+        for person, landmarks_of in zip(people, begun, strict=True):
+            landmarks = landmarks_of()
             if landmarks.presence >= MIN_PRESENCE and not _known(landmarks, [*others, *present]):
                 present.append(Person(person.number, landmarks))
         return present
 
-    def _search(self, image: ByteArray, people: Sequence[Person]) -> list[Person]:
-        """Return the people in the image who are none of those already detected."""
+    def _search(self, image: ByteArray, searched: Sequence[_Landmarks], people: Sequence[Person]) -> list[Person]:
+        """Return the people in the image who are none of those already detected.
+
+        searched : functions that return the landmarks in the regions of the grid.
+        """
         new: list[Person] = []
-        for region in grid(image.shape[1], image.shape[0]):
-            landmarks = self.network(image, region)
+        for landmarks_of in searched:
+            landmarks = landmarks_of()
             for _ in range(_N_REFINEMENTS):
                 if landmarks.presence < _PROMISING or _known(landmarks, [*people, *new]):
                     break

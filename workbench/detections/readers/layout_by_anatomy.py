@@ -1,6 +1,7 @@
 """The layout of a detector's points by their number and, where several layouts have it, by a body's proportions."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -65,6 +66,7 @@ def check_number_of_points(source: object, n_points: int) -> None:
         raise InputError(f"{source}: expected one of {options} points per person, found {n_points}")
 
 
+@lru_cache  # equal in all files of a folder
 def unlike_layouts(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of points; () where no limb is among them, and where a layout, which also states the points of
     the head, has the points of all limbs at the same places."""

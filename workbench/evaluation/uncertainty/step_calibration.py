@@ -175,15 +175,20 @@ def expected_distances(step: Step, skeleton: Skeleton, relative: bool = False) -
 
     More than _MAX_PARTICLES particles are represented by as many at evenly spaced quantiles of their weights.
     """
+    absolute, relative_to_root = _expected_distances(step, skeleton)
+    return relative_to_root if relative else absolute
+
+
+@lru_cache(maxsize=1)  # errors and verdict of a frame need them
+def _expected_distances(step: Step, skeleton: Skeleton) -> tuple[FloatArray, FloatArray]:
     poses, weights = step.poses, np.exp(step.log_weights)
     if len(poses) > _MAX_PARTICLES:
         levels = (np.arange(_MAX_PARTICLES) + 0.5) / _MAX_PARTICLES * weights.sum()
         rows = np.searchsorted(np.cumsum(weights), levels).clip(max=len(poses) - 1)
         poses, weights = poses[rows], np.full(_MAX_PARTICLES, 1.0 / _MAX_PARTICLES)
     errors = joints(skeleton, poses) - step.expected_joints(skeleton)
-    if relative:
-        errors = errors - errors[:, :1]
-    return np.asarray(weights @ np.linalg.norm(errors, axis=2))
+    relative = errors - errors[:, :1]
+    return weights @ np.linalg.norm(errors, axis=2), weights @ np.linalg.norm(relative, axis=2)
 
 
 def group_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:

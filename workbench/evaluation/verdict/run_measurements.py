@@ -1,8 +1,9 @@
 """Measurements of a run's frames and steps, collected for its verdict."""
 
+from array import array
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -117,7 +118,7 @@ class RunMeasurements:
 
 
 class MeasurementCollector:
-    """Collects the measurements of a run's steps, in their order.
+    """Collects the measurements of a run's steps, in their order, as numbers: long runs have many frames.
 
     scale: factor by which the source's images were resized.
     """
@@ -127,7 +128,9 @@ class MeasurementCollector:
         skeleton = self._body.skeleton
         named = [name for name in JOINT_NAMES if name in skeleton.names]
         self._body_joints, self._named = list(map(skeleton.joint, named)), list(map(JOINT_NAMES.index, named))
-        self._rows: list[dict[str, Any]] = []
+        self._n = 0
+        self._columns: defaultdict[tuple[str, str], array[float]] = defaultdict(lambda: array("d"))
+        self._uncertain_groups: list[tuple[str, ...]] = []
         self._cameras: dict[str, Camera] = {}
         self._searched: set[str] = set()
         self._turns = False
@@ -153,89 +156,98 @@ class MeasurementCollector:
             uncertain = _uncertain(expected_errors(step, self._body.skeleton, relative=True))
         if len(step.poses) == 1:  # no stated uncertainty
             errors = {name: value for name, value in errors.items() if not name.startswith("coverage_")}
-        views = {view.camera.name: view for view in frame.views}
-        pixels = {name: view.camera.project(places) for name, view in views.items()}
-        self._rows.append(
-            {
-                "frame": frame.index, "time_s": frame.time_s, "errors": errors, "joints": places,
-                "keypoints": {name: view.keypoints for name, view in views.items() if view.keypoints is not None},
-                "in_cameras": {name: self._in_first(view) for name, view in views.items()},
-                "distances_px": {name: self._distances_px(view, pixels[name]) for name, view in views.items()},
-                "landmarks": {name: _world_landmarks(view) for name, view in views.items()},
-                "in_image": {name: _in_image(view.camera, pixels[name]) for name, view in views.items()},
-                "inlier_fraction": float(step.diagnostics.get("inlier_fraction", np.nan)), "uncertain": uncertain,
-                "annotation_height_px": np.nan if annotations is None else float(height_px(annotations)) / self._scale,
-                "annotation_distances_px": self._annotation_distances_px(frame, places),
-                "joint_errors_m": self._joint_errors_m(frame, places), "expected_joint_errors_m": expected,
-                "depth_std_m": _depth_std(step), "depth_error_m": _depth_error(step, estimate),
-                "extent_m": np.full(3, np.nan) if points is None else np.ptp(
-                    np.percentile(points, [5.0, 95.0], axis=0), axis=0
-                ),
-            }
-        )  # fmt: skip
+        self._keep("frame", frame.index)
+        self._keep("time_s", frame.time_s)
+        for name, value in errors.items():
+            self._keep("errors", value, name)
+        self._keep("joints", places)
+        for view in frame.views:
+            self._add_view(view, places)
+        self._keep("inlier_fraction", step.diagnostics.get("inlier_fraction", np.nan))
+        if annotations is not None:
+            self._keep("annotation_height_px", height_px(annotations) / self._scale)
+            self._keep("annotation_distances_px", self._annotation_distances_px(frame, annotations, places))
+        if frame.truth is not None and frame.truth.joints is not None:
+            self._keep("joint_errors_m", self._joint_errors_m(frame.truth.joints, places))
+        self._keep("expected_joint_errors_m", expected)
+        self._keep("depth_std_m", _depth_std(step))
+        self._keep("depth_error_m", _depth_error(step, estimate))
+        if points is not None:
+            self._keep("extent_m", np.ptp(np.percentile(points, [5.0, 95.0], axis=0), axis=0))
+        self._uncertain_groups.append(uncertain)
         self._cost_decrease = max(self._cost_decrease, float(step.diagnostics.get("cost_decrease", 0.0)))
+        self._n += 1
 
-    def _in_first(self, view: View) -> FloatArray:
+    def _add_view(self, view: View, places: FloatArray) -> None:
+        """Keep the measurements of one view, with the estimate's joints (J, 3)."""
+        name, pixels = view.camera.name, view.camera.project(places)
+        self._keep("in_image", _in_image(view.camera, pixels), name)
+        if view.keypoints is not None:
+            self._keep("keypoints", view.keypoints, name)
+            self._keep("in_cameras", self._in_first(view, view.keypoints), name)
+            distances_px = np.linalg.norm(pixels - _keypoint_pixels(view.keypoints), axis=1)
+            self._keep("distances_px", distances_px / self._scale, name)
+            if view.world_landmarks is not None:
+                self._keep("landmarks", _world_landmarks(view, view.keypoints, view.world_landmarks), name)
+
+    def _keep(self, name: str, values: float | FloatArray, part: str = "") -> None:
+        """Append a frame's numbers to a column, which is NaN in earlier frames without. part: a camera or an error."""
+        numbers, column = np.asarray(values, np.float64), self._columns[name, part]
+        if n_missing := self._n * numbers.size - len(column):
+            column.extend([np.nan] * n_missing)
+        column.frombytes(numbers.tobytes())
+
+    def _column(self, name: str, *shape: int, part: str = "") -> FloatArray:
+        """Return a column (n, *shape) of all frames so far."""
+        values = np.full((self._n, *shape), np.nan)
+        if (name, part) in self._columns:
+            kept = self._columns[name, part]
+            values.reshape(-1)[: len(kept)] = kept
+        return values
+
+    def _in_first(self, view: View, keypoints: FloatArray) -> FloatArray:
         """Return a view's keypoints (J, 3) where the first frame's camera would see them."""
-        keypoints = np.full((len(JOINT_NAMES), 3), np.nan) if view.keypoints is None else view.keypoints
         first = self._cameras[view.camera.name]
         return np.column_stack([in_camera(keypoints[:, :2], view.camera, first), keypoints[:, 2]])
 
-    def _distances_px(self, view: View, pixels: FloatArray) -> FloatArray:
-        """Return the distances (J,) of joints' pixels (J, 2) from a view's keypoints, px of the source."""
-        return np.asarray(np.linalg.norm(pixels - _keypoint_pixels(view), axis=1) / self._scale)
-
-    def _annotation_distances_px(self, frame: Frame, places: FloatArray) -> FloatArray:
+    def _annotation_distances_px(self, frame: Frame, annotations: FloatArray, places: FloatArray) -> FloatArray:
         """Return the distances (J,) of joints (J, 3) from visible annotations in the first view, px of the source."""
-        truth = frame.truth
-        if truth is None or truth.annotations is None or not frame.views:
+        if frame.truth is None or not frame.views:
             return np.full(len(places), np.nan)
-        visible = True if truth.annotations_visible is None else truth.annotations_visible
-        distances = np.linalg.norm(frame.views[0].camera.project(places) - truth.annotations, axis=1)
+        visible = True if frame.truth.annotations_visible is None else frame.truth.annotations_visible
+        distances = np.linalg.norm(frame.views[0].camera.project(places) - annotations, axis=1)
         return np.where(visible, distances / self._scale, np.nan)
 
-    def _joint_errors_m(self, frame: Frame, places: FloatArray) -> FloatArray:
-        """Return the distances (J,), m, of joints (J, 3) from the true ones, relative to the root."""
-        errors = np.full(len(places), np.nan)
-        if frame.truth is not None and frame.truth.joints is not None:
-            true = np.full(places.shape, np.nan)
-            true[self._named] = frame.truth.joints[self._body_joints]
-            errors = np.linalg.norm((places - places[0]) - (true - true[0]), axis=1)
-        return errors
+    def _joint_errors_m(self, true_joints: FloatArray, places: FloatArray) -> FloatArray:
+        """Return the distances (J,), m, of joints (J, 3) from those of the true body, relative to the root."""
+        true = np.full(places.shape, np.nan)
+        true[self._named] = true_joints[self._body_joints]
+        return np.asarray(np.linalg.norm((places - places[0]) - (true - true[0]), axis=1))
 
     def measurements(self) -> RunMeasurements:
         """Return the measurements of all steps so far."""
-        rows, n, n_joints, cameras = self._rows, len(self._rows), len(JOINT_NAMES), self._cameras
+        n_joints, cameras, column = len(JOINT_NAMES), self._cameras, self._column
 
-        def column(name: str, *shape: int) -> FloatArray:
-            return np.array([row[name] for row in rows], np.float64).reshape(n, *shape)
+        def by_view(name: str, *shape: int, axis: int = 1) -> FloatArray:
+            values = [column(name, *shape, part=camera) for camera in cameras]
+            return np.stack(values, axis=axis) if values else np.empty((self._n, 0, *shape)).swapaxes(1, axis)
 
-        def by_view(name: str, *shape: int) -> FloatArray:
-            unknown = np.full(shape, np.nan)
-            values = [[row[name].get(camera, unknown) for camera in cameras] for row in rows]
-            return np.array(values, np.float64).reshape(n, len(cameras), *shape)
-
-        keypoints, in_cameras = (
-            np.ascontiguousarray(by_view(name, n_joints, 3).swapaxes(0, 1)) for name in ("keypoints", "in_cameras")
-        )
-        inside = np.array([[row["in_image"].get(name, False) for name in cameras] for row in rows], bool)
-        errors = list(dict.fromkeys(name for row in rows for name in row["errors"]))
         searched = np.array([name in self._searched for name in cameras], bool)
         observed = ObservedJoints(
-            tuple(cameras.values()), keypoints, searched, times_s=column("time_s"), scale=self._scale,
-            in_cameras=in_cameras if self._turns else None,
+            tuple(cameras.values()), by_view("keypoints", n_joints, 3, axis=0), searched, times_s=column("time_s"),
+            scale=self._scale, in_cameras=by_view("in_cameras", n_joints, 3, axis=0) if self._turns else None,
         )  # fmt: skip
         return RunMeasurements(
-            frames=np.array([row["frame"] for row in rows], dtype=np.int64), times_s=column("time_s"),
-            observed=observed, in_image=inside.reshape(n, len(cameras)),
+            frames=column("frame").astype(np.int64), times_s=column("time_s"),
+            observed=observed, in_image=by_view("in_image") == 1.0,
             keypoint_distances_px=by_view("distances_px", n_joints), world_landmarks=by_view("landmarks", n_joints, 3),
             annotation_distances_px=column("annotation_distances_px", n_joints),
             joint_errors_m=column("joint_errors_m", n_joints),
             expected_joint_errors_m=column("expected_joint_errors_m", n_joints),
-            errors={name: np.array([row["errors"].get(name, np.nan) for row in rows]) for name in errors},
+            errors={error: column(name, part=error) for name, error in self._columns if name == "errors"},
             annotation_height_px=column("annotation_height_px"),
             lengths_m={limb: float(getattr(self._body.shape, limb)) for limb in LIMBS},
-            inlier_fraction=column("inlier_fraction"), uncertain_groups=tuple(row["uncertain"] for row in rows),
+            inlier_fraction=column("inlier_fraction"), uncertain_groups=tuple(self._uncertain_groups),
             cost_decrease=self._cost_decrease, estimated_joints=column("joints", n_joints, 3),
             depth_std_m=column("depth_std_m"), depth_error_m=column("depth_error_m"),
             point_extent_m=column("extent_m", 3),
@@ -320,19 +332,16 @@ def _in_image(camera: Camera, pixels: FloatArray) -> bool:
     return bool(inside.mean() > 0.5)
 
 
-def _world_landmarks(view: View) -> FloatArray:
-    """Return a view's world landmarks (J, 3) along the world's axes, NaN without."""
-    pixels = _keypoint_pixels(view)
+def _world_landmarks(view: View, keypoints: FloatArray, landmarks: FloatArray) -> FloatArray:
+    """Return a view's world landmarks (J, 3) along the world's axes, NaN without keypoints (J, 3)."""
+    pixels = _keypoint_pixels(keypoints)
     pixels = pixels[np.isfinite(pixels[:, 0])]
-    if view.world_landmarks is None or not len(pixels):
-        return np.full((len(JOINT_NAMES), 3), np.nan)
+    if not len(pixels):
+        return np.full(landmarks.shape, np.nan)
     direction = view.camera.directions(view.camera.undistorted(pixels).mean(axis=0))
-    return np.asarray(view.world_landmarks @ view.camera.viewing_axes(direction))
+    return np.asarray(landmarks @ view.camera.viewing_axes(direction))
 
 
-def _keypoint_pixels(view: View) -> FloatArray:
-    """Return the pixels (J, 2) of a view's keypoints, NaN where the weight is 0 or there is none."""
-    if view.keypoints is None:
-        return np.full((len(JOINT_NAMES), 2), np.nan)
-    has_weight = np.nan_to_num(view.keypoints[:, 2:]) > 0.0
-    return np.where(has_weight, view.keypoints[:, :2], np.nan)
+def _keypoint_pixels(keypoints: FloatArray) -> FloatArray:
+    """Return the pixels (J, 2) of keypoints (J, 3), NaN where the weight is 0 or there is none."""
+    return np.where(np.nan_to_num(keypoints[:, 2:]) > 0.0, keypoints[:, :2], np.nan)

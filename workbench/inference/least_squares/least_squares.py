@@ -27,6 +27,7 @@ from workbench.inference.least_squares.video.systematic_errors import default_le
 from workbench.motion.models.activities import classify
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
+from workbench.utils.parallel import ahead
 from workbench.utils.timing import working_s
 
 MIN_INLIER_FRACTION = 0.3
@@ -184,7 +185,7 @@ def steps(
     """
     log_weights, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
-    for t, (frame, root) in enumerate(zip(frames, _roots(fit.state_covariance), strict=True)):
+    for t, (frame, root) in enumerate(zip(ahead(frames), _roots(fit.state_covariance), strict=True)):
         deviations = rng.standard_normal((n_particles, len(fit.space))) @ root.T
         pose = fit.poses[t]
         poses = pose + deviations @ fit.pose_jacobian[t].T

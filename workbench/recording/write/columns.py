@@ -106,9 +106,15 @@ def _columns(rows: Sequence[Row]) -> rr.ComponentColumnList:
         joined["strips"] = _strip_array(_STRIPS[kind], joined["strips"])
     lengths = [len(part) for part in next(iter(fields.values()))]
     if kind is rr.DynamicArchetype:  # a class of the workbench's own numbers, by name
-        return rr.DynamicArchetype.columns(archetype=DRAWS, components=joined).partition(lengths)
+        ones = {name: _single_numbers(numbers) for name, numbers in joined.items()}
+        return rr.DynamicArchetype.columns(archetype=DRAWS, components=ones).partition(lengths)
     batches = kind.from_fields(**joined).as_component_batches()
     return rr.ComponentColumnList([batch.partition(lengths) for batch in batches])
+
+
+def _single_numbers(numbers: AnyArray) -> Any:
+    """Return numbers (n,) as the Arrow array of n lists of one, into which Rerun would convert them in Python."""
+    return pa.ListArray.from_arrays(np.arange(len(numbers) + 1, dtype=np.int32), pa.array(numbers))
 
 
 def _strip_array(batch: Any, strips: AnyArray) -> Any:

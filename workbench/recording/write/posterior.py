@@ -146,8 +146,10 @@ class Posterior:
         for k, (name, a, b, unit) in enumerate(zip(self.names, low, high, self.units, strict=True)):
             factor, shown_unit = (np.degrees(1.0), "degrees") if unit == "rad" else (1.0, unit)
             lines.append(f"| {k} | {name} | {factor * a:.3g} | {factor * b:.3g} | {shown_unit} |")
-        dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
-        tensor = rr.Tensor(log_mass, dim_names=dim_names, value_range=value_range)
+        data = rr.encodings.TensorData(  # without a copy
+            shape=log_mass.shape, buffer=log_mass.reshape(-1), dim_names=("parameter", "bin", "frame")
+        )
+        tensor = rr.Tensor(data, value_range=(LOWEST_LOG_MASS, 0.0))
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         drawn: list[tuple[str, Any]] = []
         for name in self.shown_parameters:

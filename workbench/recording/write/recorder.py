@@ -31,7 +31,7 @@ from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
 
-FLUSH_S, FLUSH_FRACTION, MAX_FLUSH_EVERY = 1.0, 0.05, 60
+FLUSH_S, FLUSH_FRACTION, MAX_FLUSH_EVERY = 1.0, 0.05, 300
 """Seconds between two flushes, or this fraction of the run's seconds so far, and frames at most: the work that is lost
 when a run is killed. The file's footer has a row for each chunk with a column for each of some 190 kinds of values,
 8 kB a chunk, which stay in memory to the end."""

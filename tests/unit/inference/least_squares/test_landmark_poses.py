@@ -136,3 +136,9 @@ def test_a_walk_that_turns_faces_the_right_way_in_all_frames():
     )
     fit = fit_smooth(problem, observations, landmark_paths(SKELETON, observations, times), 40)
     assert facing_errors_deg(fit.poses, truth).max() < 45.0
+
+
+def test_the_median_of_a_long_video_takes_memory_in_proportion_to_its_frames():
+    rotations = np.tile(np.eye(3), (5000, 1, 1))
+    rotations[2000] = np.diag([-1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(median_rotations(rotations, np.arange(5000) / 30.0), np.tile(np.eye(3), (5000, 1, 1)))

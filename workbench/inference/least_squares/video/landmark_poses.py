@@ -73,13 +73,16 @@ def torso_rotations(skeleton: Skeleton, places: FloatArray) -> FloatArray:
 
 
 def median_rotations(rotations: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Return rotations (n, 3, 3) at times (n,), each replaced by that within half of MEDIAN_WINDOW_S which has the
-    smallest sum of angles to all others there."""
-    cosines = np.einsum("iab,jab->ij", rotations, rotations) - 1.0
-    angles = np.arccos(np.clip(0.5 * cosines, -1.0, 1.0))
-    near = np.abs(times_s[:, None] - times_s) <= 0.5 * MEDIAN_WINDOW_S
-    sums = np.where(near[:, None, :], angles[None], 0.0).sum(axis=2)
-    return rotations[np.where(near, sums, np.inf).argmin(axis=1)]
+    """Return rotations (n, 3, 3) at increasing times (n,), each replaced by that within half of MEDIAN_WINDOW_S which
+    has the smallest sum of angles to all others there."""
+    first, end = np.searchsorted(times_s, times_s + MEDIAN_WINDOW_S * np.array([[-1.0], [1.0]]))  # wide enough
+    medians = np.empty_like(rotations)
+    for t, window in enumerate(map(slice, first, end)):
+        near = rotations[window][np.abs(times_s[window] - times_s[t]) <= 0.5 * MEDIAN_WINDOW_S]
+        cosines = np.einsum("iab,jab->ij", near, near) - 1.0
+        angles = np.arccos(np.clip(0.5 * cosines, -1.0, 1.0))
+        medians[t] = near[angles.sum(axis=1).argmin()]
+    return medians
 
 
 def _shows_torso(skeleton: Skeleton, frame: Observed) -> bool:
