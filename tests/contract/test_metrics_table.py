@@ -14,7 +14,7 @@ from workbench.evaluation import metrics
 from workbench.evaluation.errors.marker_offsets import MarkerOffsets
 from workbench.evaluation.errors.pose_errors import step_errors
 from workbench.evaluation.metrics import METRICS, row_of
-from workbench.recording.read.crash_probe import open_sound_runs
+from workbench.recording.read.reader import read
 
 PACKAGE, ROOT = Path(workbench.__file__).parent, Path(__file__).parents[2]
 PRODUCERS = ("evaluation/errors", "evaluation/uncertainty", "experiment", "inference", "likelihoods")
@@ -40,8 +40,7 @@ def of_markers():
 @pytest.fixture(scope="module")
 def written():
     """The numbers of the baselines, one of nearly every kind of experiment, and of a run with markers, by name."""
-    runs, problems = open_sound_runs(ROOT / "recordings" / "baselines")
-    assert problems == []
+    runs = [read(path) for path in (ROOT / "recordings" / "baselines").glob("*.rrd")]
     tracked = [run for run in runs if not run.is_study]
     return of_markers().union(*({*run.result, *run.metric_names, *run.properties.get("cost", {})} for run in tracked))
 

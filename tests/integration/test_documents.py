@@ -1,6 +1,5 @@
 """The tutorial, the Python examples and the notebook of the documentation run, and its pages build."""
 
-import os
 import re
 import shlex
 import subprocess
@@ -16,34 +15,25 @@ DOCS = ROOT / "docs"
 
 
 @pytest.fixture(scope="module")
-def python(tmp_path_factory, cache):
-    """Return the folder of the tutorial and a function that runs Python code there in a subprocess."""
-    folder = tmp_path_factory.mktemp("tutorial")
-    environment = {**os.environ, "WORKBENCH_CACHE": str(cache), "MPLBACKEND": "agg"}
-    environment.pop("WORKBENCH_DATA", None)
-
-    def run(code):
-        completed = subprocess.run(
-            [sys.executable, "-c", code],
-            cwd=folder, env=environment, capture_output=True, text=True, timeout=900, check=False,
-        )  # fmt: skip
-        assert completed.returncode == 0, f"{code}: {completed.stdout[-2000:]}{completed.stderr[-2000:]}"
-        return completed.stdout
-
-    return folder, run
+def folder(tmp_path_factory):
+    """Return the folder in which the code of the pages runs."""
+    return tmp_path_factory.mktemp("tutorial")
 
 
 @pytest.fixture
-def shell(python, cache, monkeypatch, capfd):
-    """Return a function that runs a block of `workbench` commands in this process, in the folder of the tutorial."""
+def run(folder, cache, monkeypatch, capfd, trusted):
+    """Return a function that runs `workbench` commands or Python code in this process and returns the output."""
 
-    def run(block):
-        for line in block.replace("\\\n", " ").splitlines():
-            name, *arguments = shlex.split(line, comments=True)
-            assert (name, main(arguments)) == ("workbench", 0), line
+    def run(language, code):
+        if language == "python":
+            exec(compile(code, "a page", "exec"), {})
+        else:
+            for line in code.replace("\\\n", " ").splitlines():
+                name, *arguments = shlex.split(line, comments=True)
+                assert (name, main(arguments)) == ("workbench", 0), line
         return capfd.readouterr().out
 
-    monkeypatch.chdir(python[0])
+    monkeypatch.chdir(folder)
     monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     return run
@@ -57,9 +47,8 @@ def blocks(page):
 
 
 @pytest.mark.slow
-def test_the_tutorial_runs_as_written(shell, python):
-    folder, run = python
-    outputs = [shell(text) if language == "sh" else run(text) for language, text in blocks("start/tutorial.md")]
+def test_the_tutorial_runs_as_written(run, folder):
+    outputs = [run(*block) for block in blocks("start/tutorial.md")]
     first, paper_a, branch, table, sweep = outputs[:5]
     assert re.search(r"^verdict: trustworthy", first, re.MULTILINE)
     assert re.search(r"^verdict: doubtful, because", paper_a, re.MULTILINE)
@@ -77,13 +66,12 @@ def test_the_tutorial_runs_as_written(shell, python):
 
 
 @pytest.mark.slow
-def test_the_python_examples_run(python):
-    folder, run = python
+def test_the_python_examples_run(run, folder):
     if not (folder / "first").is_dir():
         pytest.skip("needs the runs of the tutorial: run the whole file")
     for page in ("python.md", "howto/read.md"):
         code = "\n".join(text for language, text in blocks(page) if language == "python")
-        assert "recordings/runs/python" in run(code) or page != "python.md"
+        assert "recordings/runs/python" in run("python", code) or page != "python.md"
 
 
 @pytest.mark.slow

@@ -166,7 +166,7 @@ def free_ports(n: int) -> list[int]:
         return [bound.getsockname()[1] for bound in sockets]
 
 
-N_JOBS = 3
+N_JOBS = 2
 JOBS = (
     "experiment=walk_straight", "paths.data=null", f"seed=range({N_JOBS})", "dataset.n_frames=40",
     "inference.n_particles=1500", "dataset.width=160", "dataset.height=120", "dataset.person_px=80",
@@ -213,7 +213,7 @@ def test_a_sweep_on_slurm_is_completed_after_a_job_was_killed(tmp_path, environm
     assert completed.returncode == 0
     after = [read_summary(sweep / str(job)) for job in range(N_JOBS)]
     unchanged = [summary["started"] == started for summary, started in zip(after, before, strict=True)]
-    assert unchanged == [False, True, True]
+    assert unchanged == [False, True]
     assert all(summary["status"] == "complete" for summary in after)
 
 

@@ -15,7 +15,7 @@ from workbench.detections.joint_annotations import read_annotations
 from workbench.recording.read.reader import read
 from workbench.utils.decode import decode
 
-FIRST, LAST = 80, 140
+FIRST, LAST = 80, 115
 WIDTH, HEIGHT = 900, 994
 MAX_RATIO = 1.2
 """Of the error with a moving camera over that with the static one."""

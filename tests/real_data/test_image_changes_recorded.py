@@ -1,7 +1,5 @@
 """Recorded videos have no cuts, one that follows another in a file has one, and a recording that stalls is frozen."""
 
-from itertools import pairwise
-
 import cv2
 import numpy as np
 import pytest
@@ -45,10 +43,9 @@ def test_everyday_videos_have_no_cuts(data, name):
     assert _changes(video).cuts(RATE_HZ).size == 0
 
 
-@pytest.mark.parametrize("names", list(pairwise(RECORDED))[:2])
-def test_two_videos_in_one_file_have_a_cut_between_them(data, names, tmp_path):
-    """Also two cameras that show one man in one room from other sides."""
-    images = [image for name in names for image in decode(data / name, 0, N - 1)]
+def test_two_videos_in_one_file_have_a_cut_between_them(data, tmp_path):
+    """Two cameras show one man in one room from other sides, which is the harder case."""
+    images = [image for name in RECORDED[1:3] for image in decode(data / name, 0, N - 1)]
     assert _changes(_written(tmp_path / "film.mp4", images)).cuts(RATE_HZ).tolist() == [N]
 
 

@@ -132,7 +132,7 @@ def test_every_public_name_is_callable_and_not_replaced_by_a_package():
     assert set(wb.__all__) <= set(dir(wb))
 
 
-def test_a_run_is_checked_against_its_baseline(run_with_own_prior, tmp_path):
+def test_a_run_is_checked_against_its_baseline(run_with_own_prior, tmp_path, trusted):
     run, baseline = run_with_own_prior[0], tmp_path / "baselines" / "own.rrd"
     with pytest.raises(InputError, match=r"own\.rrd: is no baseline yet"):
         wb.check(run, baseline)

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+import workbench as wb
 from workbench.cli.run import run
 
 STATE = """
@@ -76,7 +77,8 @@ def small(wb, folder):
 @pytest.mark.slow
 def test_a_run_is_the_same_in_a_script_after_numpy_and_inside_a_hydra_application(tmp_path):
     """The application's own callback, resolver and configuration still work."""
-    plain = python(f"{RUN}\nimport workbench as wb\nprint(small(wb, 'plain'))", tmp_path)
+    exec(RUN, scope := {})
+    plain = scope["small"](wb, tmp_path / "plain")
     after_numpy = python(f"import numpy, scipy\n{RUN}\nimport workbench as wb\nprint(small(wb, 'numpy'))", tmp_path)
     (tmp_path / "mine.yaml").write_text(
         "hydra:\n  callbacks:\n    mine: {_target_: callbacks.Mine}\nvalue: ${mine:3}\n"
@@ -115,7 +117,7 @@ if __name__ == "__main__":
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     *_, bits, callback = done.stdout.splitlines()  # after the log of the application
-    assert f"{bits}\n" == plain == after_numpy
+    assert bits == plain == after_numpy.strip()
     assert callback == "callback 4"
 
 

@@ -318,7 +318,7 @@ def test_outliers_are_no_evidence():
         assert abs(robust.values[name] - value) < 3.0 * right.sigma[name]
 
 
-@pytest.mark.parametrize("height_m", [0.5, 1.0, 2.5])
+@pytest.mark.parametrize("height_m", [0.5, 2.5])
 @pytest.mark.parametrize("n", [1, 2, 12])
 def test_every_height_and_any_number_of_small_or_large_segments_has_a_finite_camera(height_m, n):
     rng = np.random.default_rng(n)

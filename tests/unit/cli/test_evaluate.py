@@ -18,13 +18,15 @@ pytestmark = pytest.mark.skipif(not RECORDING.is_file(), reason="needs the store
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("evaluate")
-    for suffix in ("trc", "csv", "bvh"):
-        assert main(["export", str(RECORDING), "-o", str(folder / f"own.{suffix}")]) == 0
-    assert main(["export", str(RECORDING), "--truth", "-o", str(folder / "true.trc")]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("workbench.recording.read.crash_probe.crashing_recordings", lambda paths: set())
+        for suffix in ("trc", "csv", "bvh"):
+            assert main(["export", str(RECORDING), "-o", str(folder / f"own.{suffix}")]) == 0
+        assert main(["export", str(RECORDING), "--truth", "-o", str(folder / "true.trc")]) == 0
     return folder
 
 
-def test_every_format_has_the_errors_that_were_recorded(files, capsys):
+def test_every_format_has_the_errors_that_were_recorded(files, capsys, trusted):
     own = [str(files / f"own.{suffix}") for suffix in ("trc", "csv", "bvh")]
     command = ["evaluate", *own, "--truth", str(files / "true.trc"), "-o", str(files / "out"), "--offset", "0"]
     assert main(command) == 0

@@ -125,7 +125,7 @@ def test_an_offset_is_accepted_if_it_clearly_helps(gain, accepted):
 
 @pytest.mark.parametrize("offset", [-MAX_OFFSET_S, MAX_OFFSET_S])
 def test_offsets_are_searched_up_to_a_limit(offset):
-    times_s, places = np.arange(500) / 64.0, np.random.default_rng(1).standard_normal((500, 15, 3)).cumsum(axis=0)
+    times_s, places = np.arange(300) / 64.0, np.random.default_rng(1).standard_normal((300, 15, 3)).cumsum(axis=0)
     for factor, is_reached in ((1.0, True), (1.0 + 1.0 / 64.0 / MAX_OFFSET_S, False)):  # or beyond it by a frame
         found = offset_s(motion_of(times_s - factor * offset, places), motion_of(times_s, places))
         assert (found == pytest.approx(factor * offset, abs=1e-9)) == is_reached
