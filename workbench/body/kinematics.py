@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.body.simd_kinematics import inlined_exactly
 from workbench.body.skeleton import Skeleton
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.kernel_cache import kernel
@@ -158,7 +159,7 @@ def _forward(
                 p += 1
 
 
-@kernel()
+@inlined_exactly
 def _axis_rotation(axis: Any, angle: float, out: Any) -> None:
     x, y, z = axis[0], axis[1], axis[2]
     s, c = np.sin(angle), np.cos(angle)

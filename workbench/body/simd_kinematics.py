@@ -31,16 +31,15 @@ ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
 
 
 @inlined
-def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any) -> None:
-    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on, repeating the last pose; equal to
-    `kinematics.forward` up to rounding. skeleton: its parents, offsets, dof_joints and dof_axes. values: ((P + 9) ·
+def lane_frames(poses: Any, first: int, last: int, skeleton: Any, values: Any, frames: Any) -> None:
+    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on, repeating the one before `last`; equal
+    to `kinematics.forward` up to rounding. skeleton: its parents, offsets, dof_joints and dof_axes. values: ((P + 9) ·
     LANES,), overwritten."""
     n_dofs, (parents, offsets, dof_joints, dof_axes) = poses.shape[1], skeleton
     rotation, numbers = values[: 9 * LANES], values[9 * LANES :]
-    for lane in range(LANES):
-        i = min(first + lane, poses.shape[0] - 1)
-        for p in range(n_dofs):
-            numbers[p * LANES + lane] = poses[i, p]
+    for p in range(n_dofs):
+        for lane in range(LANES):
+            numbers[p * LANES + lane] = poses[min(first + lane, last - 1), p]
     p = 3
     for j in range(parents.shape[0]):
         frame = frames[j]
@@ -69,18 +68,18 @@ def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None
 @inlined
 def _root(position: Any, frame: Any) -> None:
     """Write the root's frame before its rotations."""
-    for a in range(3):
+    for row in range(9):
         for lane in range(LANES):
-            for b in range(3):
-                frame[(3 * a + b) * LANES + lane] = 1.0 if a == b else 0.0
-            frame[POSITION + a * LANES + lane] = position[a * LANES + lane]
+            frame[row * LANES + lane] = 1.0 if row % 4 == 0 else 0.0
+    for i in range(3 * LANES):
+        frame[POSITION + i] = position[i]
 
 
 @inlined
 def _attach(parent: Any, x: float, y: float, z: float, frame: Any) -> None:
     """Write the frame of a joint at (x, y, z) in its parent's frame, before its rotations."""
-    for a in range(3):
-        for lane in range(LANES):
+    for lane in range(LANES):
+        for a in range(3):
             row = 3 * a * LANES + lane
             u, v, w = parent[row], parent[row + LANES], parent[row + 2 * LANES]
             frame[row], frame[row + LANES], frame[row + 2 * LANES] = u, v, w
@@ -105,8 +104,8 @@ def _axis_rotations(x: float, y: float, z: float, angles: Any, rotation: Any) ->
 @inlined
 def _multiply(frame: Any, rotation: Any) -> None:
     """Rotate the frame about its origin."""
-    for a in range(3):
-        for lane in range(LANES):
+    for lane in range(LANES):
+        for a in range(3):
             row = 3 * a * LANES + lane
             x, y, z = frame[row], frame[row + LANES], frame[row + 2 * LANES]
             for b in range(3):

@@ -18,15 +18,15 @@ def systematic_indices(weights: FloatArray, offset: float, n: int) -> IntArray:
     offset : in [0, 1)
         A uniform random number in a filter; 0.5 to select particles deterministically for display.
     """
-    indices: IntArray = _search_cumulative(weights, offset, n)
+    indices = np.empty(n, dtype=np.int64)
+    _search_cumulative(weights, offset, np.empty(len(weights)), indices)
     return indices
 
 
 @kernel()
-def _search_cumulative(weights: Any, offset: float, n: int) -> Any:
-    """Locate the n ascending positions in one pass over the cumulative weights."""
-    edges, indices = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)
-    edge, last = 0.0, 0
+def _search_cumulative(weights: Any, offset: float, edges: Any, indices: Any) -> None:
+    """Locate the n ascending positions in one pass over the cumulative weights, which `edges` receives."""
+    n, edge, last = indices.shape[0], 0.0, 0
     for j in range(weights.shape[0]):
         edge += weights[j]
         edges[j] = edge
@@ -38,4 +38,3 @@ def _search_cumulative(weights: Any, offset: float, n: int) -> Any:
         while j < last and edges[j] <= position:
             j += 1
         indices[i] = j
-    return indices

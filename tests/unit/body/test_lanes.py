@@ -12,8 +12,8 @@ SKELETON = scenes.PERSON.skeleton
 
 
 @kernel()
-def compiled_lane_frames(poses, first, skeleton, values, frames):
-    lane_frames(poses, first, skeleton, values, frames)
+def compiled_lane_frames(poses, first, last, skeleton, values, frames):
+    lane_frames(poses, first, last, skeleton, values, frames)
 
 
 @kernel()
@@ -24,7 +24,7 @@ def compiled_load_frames(rotations, positions, first, frames):
 def frames_in_lanes(poses, first=0):
     skeleton = (SKELETON.parents, SKELETON.offsets, SKELETON.dof_joints, SKELETON.dof_axes)
     values, frames = np.empty((poses.shape[1] + 9) * LANES), np.full((len(SKELETON.parents), FRAME), np.nan)
-    compiled_lane_frames(poses, first, skeleton, values, frames)
+    compiled_lane_frames(poses, first, len(poses), skeleton, values, frames)
     return frames
 
 

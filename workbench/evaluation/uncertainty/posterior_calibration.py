@@ -115,7 +115,8 @@ def _add_moments(first: int, last: int, columns: Any, weights: Any, result: Any)
         for i in range(weights.shape[0]):
             mean += weights[i] * column[i]
         for i in range(weights.shape[0]):
-            variance += weights[i] * (column[i] - mean) ** 2
+            deviation = column[i] - mean
+            variance += weights[i] * (deviation * deviation)
         result[0, d], result[1, d] = mean, variance
 
 

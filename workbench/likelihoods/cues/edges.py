@@ -39,6 +39,7 @@ from workbench.utils.source_hash import code_digest
 log = logging.getLogger(__name__)
 
 BINS = 32
+_FIRST, _SECOND, _THIRD = np.arange(3)  # channels; numba would compile `_bilinear` for each Python number
 EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)  # of the responses; larger ones are in the last bin
 OUTLIER_FRACTION = 0.05  # of uninformative responses
 N_SCENES, N_FRAMES = 10, 5  # rendered people in the training set, and frames of each
@@ -235,14 +236,14 @@ def _nearest(value: float, values: Any) -> int:
 
 @inlined
 def _edge_bin(gradient: Any, left: int, top: int, x: float, y: float, tx: float, ty: float) -> int:
-    edge = abs(tx * _bilinear(gradient, left, top, x, y, 1) - ty * _bilinear(gradient, left, top, x, y, 0))
+    edge = abs(tx * _bilinear(gradient, left, top, x, y, _SECOND) - ty * _bilinear(gradient, left, top, x, y, _FIRST))
     return _bin(edge, EDGE_RANGE[0], EDGE_RANGE[1])
 
 
 @inlined
 def _ridge_bin(ridges: Any, left: int, top: int, x: float, y: float, tx: float, ty: float) -> int:
-    xx, xy = _bilinear(ridges, left, top, x, y, 0), _bilinear(ridges, left, top, x, y, 1)
-    yy = _bilinear(ridges, left, top, x, y, 2)
+    xx, xy = _bilinear(ridges, left, top, x, y, _FIRST), _bilinear(ridges, left, top, x, y, _SECOND)
+    yy = _bilinear(ridges, left, top, x, y, _THIRD)
     across = ty * ty * xx - 2.0 * tx * ty * xy + tx * tx * yy
     along = tx * tx * xx + 2.0 * tx * ty * xy + ty * ty * yy
     return _bin(abs(across) - abs(along), RIDGE_RANGE[0], RIDGE_RANGE[1])
@@ -254,7 +255,7 @@ def _bin(value: float, low: float, high: float) -> int:
 
 
 @inlined
-def _bilinear(images: Any, left: int, top: int, x: float, y: float, k: int) -> Any:
+def _bilinear(images: Any, left: int, top: int, x: float, y: float, k: Any) -> Any:
     """Return `limb_points.bilinear` of one of several images that are interleaved by pixel, in a box of the image."""
     column, row = np.uint32(x), np.uint32(y)
     fx, fy = np.float32(x - column), np.float32(y - row)

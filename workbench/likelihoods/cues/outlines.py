@@ -63,10 +63,12 @@ def _outline_sums(
 ) -> None:
     height, width = row_sums.shape[0], row_sums.shape[1] - 1
     n_limbs = corners.shape[1]
+    lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
+    counts, outline = np.empty(height, dtype=np.int64), np.empty((4, 2))
     for i in range(first, last):
-        lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
-        counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
         top, bottom = height, -1
+        for y in range(height):
+            counts[y] = 0
         for limb in range(n_limbs):
             if not _dilated(corners[i, limb], dilation_px, outline):
                 continue

@@ -138,7 +138,7 @@ def packed(image: Float32Array) -> Packed:
     """Return words (height, width) of four grey levels 0..255, 16 bits each, lowest first: the pixel, its right
     neighbour, the one below, and that one's right neighbour. The last row and column are their own neighbours."""
     words = np.empty(image.shape, dtype=np.uint64)
-    _pack(image, words)
+    _pack(image, np.empty((2, image.shape[1] + 1), dtype=np.uint64), words)
     return words
 
 
@@ -155,9 +155,9 @@ def limb_table(limbs: Limbs) -> FloatArray:
 
 
 @kernel()
-def _pack(image: Any, words: Any) -> None:
+def _pack(image: Any, levels: Any, words: Any) -> None:
+    """levels: (2, width + 1) of two rows, overwritten."""
     height, width = image.shape
-    levels = np.empty((2, width + 1), dtype=np.uint64)  # of two rows
     for row in range(height + 1):
         line, above = levels[row % 2], levels[(row + 1) % 2]
         pixels = image[min(row, height - 1)]
@@ -182,7 +182,7 @@ def _run(
     fills the remaining lanes."""
     n_limbs, n, n_dofs = joints.shape[0], samples.shape[1], present_poses.shape[1]
     patches, covers = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER))
-    boxes, pair, flags = np.empty((n_limbs, 6)), np.empty(PAIR), np.zeros(n * LANES, dtype=np.int32)
+    boxes, pair, flags = np.empty((n_limbs, 6)), np.empty(PAIR), np.empty(n * LANES, dtype=np.int32)
     frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((n_dofs + 9) * LANES)
     # The distinct previous poses, the index of each child's, and their limbs' grey levels and states in that image.
     parents, parent = np.empty((PARENT_BLOCK, n_dofs)), np.empty(PARENT_BLOCK, dtype=np.int32)
@@ -197,25 +197,30 @@ def _run(
     fractions, gathered = np.empty(2 * BLOCK, dtype=np.float32), np.empty(n * LANES, dtype=np.float32)
     present_levels = np.empty(n * LANES, dtype=np.float32)
     static = np.empty(n * LANES * model.static_background, dtype=np.float32)
-    squares, sums = np.zeros(2 * LANES), np.empty(3 * LANES)
+    squares, sums = np.empty(2 * LANES), np.empty(3 * LANES)
+    _clear(flags)
     hiding, whole_limb = model.occlusion != NO_OCCLUSION, model.occlusion == LIMB_OCCLUSION
     for block in range(first, last, PARENT_BLOCK):
         n_children = min(PARENT_BLOCK, last - block)
-        n_parents = _distinct_parents(previous_poses[block : block + n_children], parents, parent)
+        n_parents = _distinct_parents(previous_poses, block, n_children, parents, parent)
         distinct = n_parents == n_children
         for present in range(2):
-            image, poses = (present_image, present_poses[block:last]) if present else (previous_image, parents)
-            n_poses, camera = n_children if present else n_parents, cameras[present]
+            image, poses = (present_image, present_poses) if present else (previous_image, parents)
+            begin, n_poses, camera = block if present else 0, n_children if present else n_parents, cameras[present]
             for chunk in range(0, n_poses, LANES):
-                lane_frames(poses[:n_poses], chunk, skeleton, values, frames)
-                _project_limbs(table, joints, camera, frames, present == 1, patches, covers, boxes)
-                _reset_sums(parent[:n_children], chunk, n, lane_parents, starts, sums)
+                lane_frames(poses, begin + chunk, begin + n_poses, skeleton, values, frames)
                 for limb in range(n_limbs):
+                    patch(table[limb], camera, frames[joints[limb]], patches[limb])
+                    if present:
+                        cover(table[limb], patches[limb], covers[limb], boxes[limb])
+                _reset_sums(parent, chunk, n_children, n, lane_parents, starts, sums)
+                for limb in range(n_limbs):
+                    stored = previous_levels[limb, chunk * n : (chunk + LANES) * n]
+                    previous, levels = stored if distinct else gathered, present_levels if present else stored
                     tested = not _to_local_pixels(patches[limb], camera, local, corners, fully_inside)
                     if tested:
                         flag_outside(patches[limb], samples, camera[WIDTH], camera[HEIGHT], flags)
                     if present:
-                        previous = previous_levels[limb, chunk * n : (chunk + LANES) * n] if distinct else gathered
                         tested |= _gather(
                             previous_levels[limb], states[limb], lane_parents, starts, distinct, previous, flags,
                             fully_inside,
@@ -223,7 +228,6 @@ def _run(
                         _count_unflagged(flags, tested, inside)
                         if hiding:
                             tested |= flag_hidden(table, limb, samples, patches, covers, boxes, whole_limb, pair, flags)
-                    levels = present_levels if present else previous_levels[limb, chunk * n : (chunk + LANES) * n]
                     if _count_unflagged(flags, tested, visible) > 0:
                         _sample(
                             local, corners, camera[WIDTH], samples32, flags, tested, image, previous_image,
@@ -237,49 +241,39 @@ def _run(
                     if tested:
                         _clear(flags)
                 if present:
-                    done = slice(block + chunk, min(block + chunk + LANES, last))
-                    _write_sums(sums, log_prob[done], outside[done])
+                    _write_sums(sums, block + chunk, min(LANES, n_poses - chunk), log_prob, outside)
 
 
 @inlined
-def _distinct_parents(poses: Any, parents: Any, parent: Any) -> int:
-    """Write the poses (N, P) without consecutive duplicates, and each pose's index among them; return their number."""
-    n = -1
-    for i in range(poses.shape[0]):
+def _distinct_parents(poses: Any, first: int, n: int, parents: Any, parent: Any) -> int:
+    """Write n poses (N, P) from `first` on without consecutive duplicates, and each pose's index among them; return
+    their number."""
+    distinct = -1
+    for i in range(n):
         new = i == 0
         for p in range(poses.shape[1]):
-            new |= i > 0 and poses[i, p] != poses[i - 1, p]
+            new |= i > 0 and poses[first + i, p] != poses[first + i - 1, p]
         if new:
-            n += 1
+            distinct += 1
             for p in range(poses.shape[1]):
-                parents[n, p] = poses[i, p]
-        parent[i] = n
-    return n + 1
+                parents[distinct, p] = poses[first + i, p]
+        parent[i] = distinct
+    return distinct + 1
 
 
 @inlined
-def _project_limbs(
-    table: Any, joints: Any, camera: Any, frames: Any, cover_too: bool, patches: Any, covers: Any, boxes: Any
-) -> None:
-    for limb in range(joints.shape[0]):
-        patch(table[limb], camera, frames[joints[limb]], patches[limb])
-        if cover_too:
-            cover(table[limb], patches[limb], covers[limb], boxes[limb])
-
-
-@inlined
-def _reset_sums(parent: Any, chunk: int, n: int, lane_parents: Any, starts: Any, sums: Any) -> None:
-    """Write the lanes' parents from child `chunk` on, where the parents' levels begin, and empty sums."""
+def _reset_sums(parent: Any, chunk: int, n_children: int, n: int, lane_parents: Any, starts: Any, sums: Any) -> None:
+    """Write the lanes' parents from child `chunk` on, where the parents' n levels begin, and empty sums."""
     for i in range(LANES):
         sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
-        lane_parents[i] = parent[min(chunk + i, parent.shape[0] - 1)]
+        lane_parents[i] = parent[min(chunk + i, n_children - 1)]
         starts[i] = lane_parents[i] // LANES * (n * LANES) + lane_parents[i] % LANES
 
 
 @inlined
-def _write_sums(sums: Any, log_prob: Any, outside: Any) -> None:
-    for i in range(log_prob.shape[0]):
-        log_prob[i], outside[i] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
+def _write_sums(sums: Any, first: int, n: int, log_prob: Any, outside: Any) -> None:
+    for i in range(n):
+        log_prob[first + i], outside[first + i] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
 
 
 @inlined

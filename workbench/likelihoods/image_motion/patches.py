@@ -119,14 +119,14 @@ def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
 def _widen(patch: Any, covers: Any, box: Any) -> None:
     """Write the box (6,) around the limb in all lanes: left, right, top, bottom, smallest and largest depth of its
     axis."""
-    for k in range(0, 6, 2):
-        box[k], box[k + 1] = np.inf, -np.inf
+    left, top, low, right, bottom, high = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for i in range(LANES):
         if covers[i + LEFT] <= covers[i + RIGHT]:
-            box[0], box[1] = min(box[0], covers[i + LEFT]), max(box[1], covers[i + RIGHT])
-            box[2], box[3] = min(box[2], covers[i + TOP]), max(box[3], covers[i + BOTTOM])
+            left, right = min(left, covers[i + LEFT]), max(right, covers[i + RIGHT])
+            top, bottom = min(top, covers[i + TOP]), max(bottom, covers[i + BOTTOM])
             start, end = patch[i + Z], patch[i + Z] + patch[i + DZ]
-            box[4], box[5] = min(box[4], min(start, end)), max(box[5], max(start, end))
+            low, high = min(low, min(start, end)), max(high, max(start, end))
+    box[0], box[1], box[2], box[3], box[4], box[5] = left, right, top, bottom, low, high
 
 
 @inlined
@@ -163,12 +163,12 @@ def flag_hidden(
                 _flag_covered(samples, pair, sphere, flags)
                 any_near = True
     if whole_limb:
-        for i in range(LANES):
-            some = 0
-            for k in range(samples.shape[1]):
-                some |= flags[k * LANES + i] & HIDDEN
-            for k in range(samples.shape[1]):
-                flags[k * LANES + i] |= some
+        for k in range(1, samples.shape[1]):
+            for i in range(LANES):
+                flags[i] |= flags[k * LANES + i] & HIDDEN
+        for k in range(1, samples.shape[1]):
+            for i in range(LANES):
+                flags[k * LANES + i] |= flags[i] & HIDDEN
     return any_near
 
 
@@ -221,12 +221,12 @@ def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
     beyond = 0.5 if sphere else 0.0
     n = 0
     for i in range(LANES):
-        s0, s1 = pair[i + S] + u0 * pair[i + SU], pair[i + S] + u1 * pair[i + SU]
-        p0, p1 = pair[i + SV] + u0 * pair[i + SE], pair[i + SV] + u1 * pair[i + SE]
+        s, su, sv, se = pair[i + S], pair[i + SU], pair[i + SV], pair[i + SE]
+        t, tu, tv, te = pair[i + T], pair[i + TU], pair[i + TV], pair[i + TE]
+        s0, s1, p0, p1 = s + u0 * su, s + u1 * su, sv + u0 * se, sv + u1 * se
+        t0, t1, q0, q1 = t + u0 * tu, t + u1 * tu, tv + u0 * te, tv + u1 * te
         low_s = min(min(s0 + v0 * p0, s0 + v1 * p0), min(s1 + v0 * p1, s1 + v1 * p1))
         high_s = max(max(s0 + v0 * p0, s0 + v1 * p0), max(s1 + v0 * p1, s1 + v1 * p1))
-        t0, t1 = pair[i + T] + u0 * pair[i + TU], pair[i + T] + u1 * pair[i + TU]
-        q0, q1 = pair[i + TV] + u0 * pair[i + TE], pair[i + TV] + u1 * pair[i + TE]
         low_t = min(min(t0 + v0 * q0, t0 + v1 * q0), min(t1 + v0 * q1, t1 + v1 * q1))
         high_t = max(max(t0 + v0 * q0, t0 + v1 * q0), max(t1 + v0 * q1, t1 + v1 * q1))
         widest = max(pair[i + W], pair[i + W] + pair[i + WS])
