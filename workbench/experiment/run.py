@@ -38,7 +38,7 @@ from workbench.utils.rng import rng_streams
 from workbench.utils.run_files import RECORDING, SUMMARY
 from workbench.utils.run_lock import run_folder
 from workbench.utils.signals import check_interrupted, deferred, interruptible
-from workbench.utils.timing import compiled_s, compiling, working_s
+from workbench.utils.timing import compiled_s, compiling, on_one_stack, working_s
 
 log = logging.getLogger(__name__)
 
@@ -111,9 +111,9 @@ def run_checked(config: DictConfig, summary: Summary, quiet: bool, command: Comm
             OmegaConf.update(config, "assumptions", summary.assumptions, force_add=True)
         summary.settings = _plain(config)
         if config.study is not None:
-            _study(config, summary)
+            on_one_stack(lambda: _study(config, summary))
         else:
-            _track(config, summary, command.choices, quiet, stop)
+            on_one_stack(lambda: _track(config, summary, command.choices, quiet, stop))
 
 
 def _check(config: DictConfig, names: Mapping[str, str]) -> None:

@@ -18,7 +18,7 @@ import pytest
 from workbench.utils import parallel
 from workbench.utils.parallel import Helpers, ahead, parallel_for
 from workbench.utils.signals import Interrupted, interruptible
-from workbench.utils.timing import compiled_s, compiling, working_s
+from workbench.utils.timing import compiled_s, compiling, on_one_stack, working_s
 
 two_threads = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="numba has one thread only")
 
@@ -211,3 +211,12 @@ def test_work_that_no_helper_has_begun_is_dropped_at_the_end():
         at_work.wait(60.0)
         Timer(0.1, may_end.set).start()
     assert done == [0]
+
+
+def test_work_on_one_stack_returns_its_result_or_error_at_any_depth():
+    def nested(depth):
+        return 1 if depth == 0 else 1 + nested(depth - 1)
+
+    assert on_one_stack(lambda: nested(500)) == 501
+    with pytest.raises(ZeroDivisionError):
+        on_one_stack(lambda: 1 // 0)
