@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.simd_kinematics import inlined_exactly
 from workbench.body.skeleton import Skeleton
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.kernel_cache import kernel
@@ -159,7 +158,7 @@ def _forward(
                 p += 1
 
 
-@inlined_exactly
+@kernel()
 def _axis_rotation(axis: Any, angle: float, out: Any) -> None:
     x, y, z = axis[0], axis[1], axis[2]
     s, c = np.sin(angle), np.cos(angle)
