@@ -201,8 +201,8 @@ class MeasurementCollector:
         """Return a column (n, *shape) of all frames so far."""
         values = np.full((self._n, *shape), np.nan)
         if (name, part) in self._columns:
-            kept = self._columns[name, part]
-            values.reshape(-1)[: len(kept)] = kept
+            column = self._columns[name, part]
+            values.reshape(-1)[: len(column)] = column
         return values
 
     def _in_first(self, view: View, keypoints: FloatArray) -> FloatArray:
