@@ -129,8 +129,9 @@ def declared_frames(source: Path) -> int:
 
 def image_shape(source: Path) -> tuple[int, ...]:
     """Return the shape (height, width, 3) of the first image; raises InputError without one, and as `decode` does."""
-    version = file_version(source)
-    return _first_shape(source) if version is None else _shape_in_file(source, version)
+    if (image := next(decode(source, 0, 0), None)) is None:
+        raise InputError(f"{source}: expected at least one frame, found none")
+    return image.shape
 
 
 def file_version(source: Path) -> tuple[int, int] | None:
@@ -164,17 +165,6 @@ def _checked_frames(source: Path, header: _Header) -> int:
     """Return the number of frames in a video's header, or of its duration at the header's rate."""
     check_number(source, "frames in its header", header.n_frames, _MAX_DECLARED)
     return header.n_frames
-
-
-def _first_shape(source: Path) -> tuple[int, ...]:
-    if (image := next(decode(source, 0, 0), None)) is None:
-        raise InputError(f"{source}: expected at least one frame, found none")
-    return image.shape
-
-
-@lru_cache(maxsize=64)
-def _shape_in_file(source: Path, _version: object) -> tuple[int, ...]:
-    return _first_shape(source)
 
 
 def image_files(folder: Path) -> list[Path]:

@@ -185,6 +185,7 @@ def steps(
     """
     log_weights, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
+    # a frame is decoded while the caller records the one before it
     for t, (frame, root) in enumerate(zip(ahead(frames), _roots(fit.state_covariance), strict=True)):
         deviations = rng.standard_normal((n_particles, len(fit.space))) @ root.T
         pose = fit.poses[t]
